@@ -21,6 +21,7 @@ from sim.maths import COMPLEX_STEP, rows_into
 from sim.propagation import Drive
 
 Function = Callable[[list[Any]], Sequence[Any]]
+SERIES_TERMS = 3  # terms of the transition matrix of a step: I + F dt + (F dt)^2/2
 _TRIAL_POINTS = 12  # random points at which the table is compared with the equations
 _LARGEST_DIFFERENCE = 1e-10  # largest difference at these points, relative to the sum of terms
 
@@ -119,6 +120,54 @@ def system_tables(system: System, p: Sequence[Any]) -> tuple[Bilinear, Bilinear]
     return None if f is None or h is None or time.used else (f, h)
 
 
+@dataclass(frozen=True, eq=False)
+class Tables:
+    """Bilinear equations and noise of a filter with the free parameters as states.
+
+    Attributes
+    ----------
+    n : number of states and free parameters.
+    n_x : number of states.
+    f, h : tables of the state equation and of the output equation.
+    driven : positions of the states on which process noise acts.
+    noise_weights : spectral densities of these states times the weights of the terms of the
+        series, for the covariance of the process noise.
+    R : ``(m, m)`` covariance of the measurement noise.
+    """
+
+    n: int
+    n_x: int
+    f: Bilinear
+    h: Bilinear
+    driven: tuple[int, ...]
+    noise_weights: np.ndarray
+    R: np.ndarray
+
+
+def equation_tables(
+    system: System, p: Sequence[Any], density: np.ndarray, variance: np.ndarray
+) -> Tables | None:
+    """Return the tables of a System whose free parameters are estimated as states; None where it
+    has none.
+
+    ``p`` are all parameters, ``density (n,)`` the spectral densities as in ``FilterProblem``, and
+    ``variance (m,)`` that of the measurement noise. There are no tables where the equations are not
+    bilinear or depend on time, where free parameters are random walks, and where a fixed parameter
+    with several values acts anywhere but on the input path.
+    """
+    n_x = len(system.states)
+    if np.any(density[n_x:]):
+        return None
+    if (result := system_tables(system, p)) is None:
+        return None
+    driven, order = np.flatnonzero(density), np.arange(SERIES_TERMS)
+    # With M_0 = I, Q_k = sum over i, j of M_i Q M_j^T dt / (i + j + 1), M_i the terms of the
+    # series.
+    noise_weights = np.kron(1.0 / (order[:, None] + order + 1.0), np.diag(density[driven]))
+    R = np.diag(np.asarray(variance, dtype=float))
+    return Tables(result[0].n, n_x, *result, tuple(driven.tolist()), noise_weights, R)
+
+
 def constant_within_steps(drive: Drive) -> bool:
     """Return whether all inputs are constant within each step."""
     return all(
@@ -137,9 +186,7 @@ def _scalar_or_row(value: Any) -> Any:
 
 
 def _table(constant: np.ndarray, at_rest: np.ndarray, twice: np.ndarray, n: int) -> np.ndarray:
-    """Return the table from the values ``constant (m,)`` and the Jacobian ``at_rest (m, size)`` at
-    zero, and from the second derivatives ``twice (m, size, size)``.
-    """
+    """Return the table from values, Jacobian and second derivatives ``(m, size, size)`` at zero."""
     m, size = at_rest.shape
     slopes = np.concatenate([at_rest[None], np.moveaxis(twice, 2, 0)])
     halves = np.zeros((1 + size, m, 1 + size))
@@ -164,9 +211,7 @@ def _agrees(function: Function, table: Bilinear) -> bool:
 
 
 def _values_and_slopes(function: Function, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values ``(m, K)`` and Jacobians ``(m, size, K)`` at points ``(size, K)``, by
-    complex steps in one call.
-    """
+    """Return values ``(m, K)`` and Jacobians ``(m, size, K)`` at ``points``, by complex steps."""
     size, count = points.shape
     out = function(list(points[:, None, :] + (1j * COMPLEX_STEP) * np.eye(size)[:, :, None]))
     result = rows_into(np.empty((len(out), size, count), dtype=complex), out)

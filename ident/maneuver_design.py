@@ -149,11 +149,7 @@ def simulate_maneuver(
             _trajectory_gap(fit) < LARGEST_TRAJECTORY_GAP and (fit.problem is problem or not slopes)
         ):
             break
-        fit = evaluate(
-            problem if slopes else bare,
-            layout.start,
-            fit.trajectories,
-        )
+        fit = evaluate(problem if slopes else bare, layout.start, fit.trajectories)
     if fit is None:
         raise ModelError(
             "the simulation diverges",
@@ -399,18 +395,14 @@ def contest(
     measured, base = fit_declared_model(planned, true)
     best = best_rival_fit(measured, base, rival, hint) or base
     counts = best.fit.counts
-    true_count, rival_count = _number_of_parameters(true.effect), _number_of_parameters(rival)
+    true_count, rival_count = added_parameters(true.effect, 1), added_parameters(rival, 1)
     price = parameter_cost(rival, counts) - parameter_cost(true.effect, counts)
     # The priors of the true effect have a cost too.
     true_prior_cost = _prior_cost_of_true_effect(measured, true)
-    decision = rival_decision(
-        _weighted_squares(best),
-        counts,
-        2.0 * base.fit.cost,
-        true_count,
-        rival_count,
-        price + 2.0 * (_prior_cost(best) - true_prior_cost),
-    )
+    squares = _weighted_squares(best)
+    prior_cost = best.fit.cost - 0.5 * float(squares.sum())
+    price += 2.0 * (prior_cost - true_prior_cost)
+    decision = rival_decision(squares, counts, 2.0 * base.fit.cost, true_count, rival_count, price)
     gain = max(0.0, base.fit.cost - true_prior_cost)
     shown = detection_probability(gain, true_count, parameter_cost(true.effect, counts), ODDS_COST)
     return Contest(
@@ -471,11 +463,6 @@ def _weighted_squares(best: FittedModel) -> np.ndarray:
     return np.asarray(np.sum(best.fit.residuals[0] ** 2, axis=1) / best.fit.variance)
 
 
-def _prior_cost(best: FittedModel) -> float:
-    """Return the cost of a fit from its priors."""
-    return best.fit.cost - 0.5 * float(_weighted_squares(best).sum())
-
-
 def _prior_cost_of_true_effect(measured: PlannedManeuver, true: ActingEffect) -> float:
     """Return the cost of the true effect fitted to its own flight, which its priors cause."""
     simulation = simulate_maneuver(measured, (true.effect,), true.full_values, slopes=False)
@@ -485,16 +472,11 @@ def _prior_cost_of_true_effect(measured: PlannedManeuver, true: ActingEffect) ->
     return simulation.fit.cost if refit is None else min(refit.fit.cost, simulation.fit.cost)
 
 
-def _number_of_parameters(effect: Traceable) -> int:
-    """Return the number of parameters that an effect adds to a model of one record."""
-    return added_parameters(effect, 1)
-
-
 def parameter_cost(effect: Traceable, counts: np.ndarray) -> float:
     """Return the approximate cost of the parameters of an effect, in twice the log evidence, for
     ``counts (m,)`` samples (Schwarz). For an event, the number of scanned times adds to it.
     """
-    return _number_of_parameters(effect) * float(np.log(counts.sum())) + 2.0 * math.log(
+    return added_parameters(effect, 1) * float(np.log(counts.sum())) + 2.0 * math.log(
         SCANNED_PLACES
     ) * is_event(effect)
 
@@ -505,9 +487,7 @@ def _rival_form(best: FittedModel, rival: Traceable) -> Traceable:
 
 
 def _rival_values(best: FittedModel, rival: Traceable) -> dict[str, float]:
-    """Return local name -> fitted value of the rival; where it was not fitted, the values at which
-    it is absent.
-    """
+    """Return local name -> fitted value of the rival, or its value when absent if not fitted."""
     effect = _rival_form(best, rival)
     initial_values = {item.name: item.value for item in effect.parameters}
     if not best.effects:

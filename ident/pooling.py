@@ -58,11 +58,11 @@ def pooled_without_flight(
     if np.linalg.eigvalsh(0.5 * (information + information.T))[0] <= rounding:
         return None
     remaining = np.linalg.inv(information)
-    return (
-        remaining
-        @ (np.linalg.solve(covariance, value) - np.linalg.solve(flight_covariance, flight_value)),
-        remaining,
+    weighted, own = (
+        np.linalg.solve(covariance, value),
+        np.linalg.solve(flight_covariance, flight_value),
     )
+    return remaining @ (weighted - own), remaining
 
 
 # ---- Multiple tests: false discovery rate
@@ -132,17 +132,9 @@ def pool_values(values: np.ndarray, sigmas: np.ndarray) -> PooledValue:
     values, sigmas = np.asarray(values, dtype=float), np.asarray(sigmas, dtype=float)
     n = len(values)
     if n == 1:
-        reach = NORMAL_95 * float(sigmas[0])
-        return PooledValue(
-            float(values[0]),
-            float(sigmas[0]),
-            float(values[0]) - reach,
-            float(values[0]) + reach,
-            0.0,
-            0.0,
-            1.0,
-            1,
-        )
+        value, sigma = float(values[0]), float(sigmas[0])
+        reach = NORMAL_95 * sigma
+        return PooledValue(value, sigma, value - reach, value + reach, 0.0, 0.0, 1.0, 1)
     design = np.ones((n, 1))
     scatter = scatter_between_flights(values, sigmas, design)
     weight = 1.0 / (sigmas**2 + scatter**2)
@@ -450,12 +442,9 @@ def _most_likely(evidence: Evidence, scatters: tuple[float, ...] = SCATTERS) -> 
     largest gain, and from their mean, with each of ``scatters``.
     """
     largest = np.argsort(-evidence.gain)[:4]
-    starts = np.array(
-        [
-            *evidence.value[largest],
-            np.average(evidence.value, axis=0, weights=np.maximum(evidence.gain, 1e-12)),
-        ]
-    )
+    weights = np.maximum(evidence.gain, 1e-12)
+    mean = np.average(evidence.value, axis=0, weights=weights)
+    starts = np.array([*evidence.value[largest], mean])
     return _maximise_from_starts(
         evidence, np.tile(starts, (len(scatters), 1)), np.repeat(scatters, len(starts))
     )
@@ -478,10 +467,8 @@ def _maximise_from_starts(
         value = np.where(probability.sum(axis=1)[:, None] > 1e-9, result, value)
         share = np.clip(probability.mean(axis=1), 1e-9, 1.0 - 1e-9)
         each, inverse = _gains_about(evidence, value, scatter)
-        before, total = (
-            total,
-            np.logaddexp(np.log1p(-share)[:, None], np.log(share)[:, None] + each).sum(axis=1),
-        )
+        before, odds = total, np.log(share)[:, None] + each
+        total = np.logaddexp(np.log1p(-share)[:, None], odds).sum(axis=1)
         if np.all(np.abs(total - before) < SETTLED_LOG_LIKELIHOOD):
             break
     best = int(np.argmax(total))

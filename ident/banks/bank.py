@@ -2,7 +2,7 @@
 
 A bank runs B filters over one time base. The runs may differ in parameters, inputs, measurements
 and starts. The filter is that of `ident.filters.ekf` with the runs on a batch axis. It agrees with
-filterpy to rounding. A pass filters its samples in blocks (`ident.banks.equation_kernels`), by a
+filterpy to rounding. A pass filters its samples in blocks (`ident.banks.block_kernels`), by a
 table of coefficients where the equations are bilinear, and otherwise by calls of the equations.
 Each block ends with a check for failed runs.
 """
@@ -15,22 +15,31 @@ from functools import partial
 
 import numpy as np
 
-from ident.banks.equation_kernels import (
-    BankHistory,
-    BankPass,
+from ident.banks.block_kernels import (
     BankRuns,
     BankTrace,
     FilteredBlock,
     eliminate_channels,
     empty_trace,
     step_block_filter,
+    table_block_filter,
     values_and_jacobians,
 )
-from ident.banks.row_kernel import SAMPLES_PER_CHECK, run_pass_in_rows
-from ident.banks.table_kernel import table_block_filter
-from ident.estimate import LARGEST_NUMBER, Estimate, FilterHistory, Outcome
+from ident.banks.row_kernel import (
+    SAMPLES_PER_CHECK,
+    BankHistory,
+    BankPass,
+    run_pass_in_rows,
+)
+from ident.estimate import LARGEST_NUMBER, Estimate, Outcome
 from ident.filters.ekf import SETTLED_SIGMAS, FilterSettings, filter_by_filterpy, filter_by_table
-from ident.filters.problem import FilterProblem, filter_problem, with_free
+from ident.filters.problem import (
+    FilterBuffers,
+    FilterProblem,
+    estimate_with_history,
+    filter_problem,
+    with_free,
+)
 from sim.declaration.model import System
 from sim.errors import ModelError
 from sim.maths import COMPLEX_STEP
@@ -72,13 +81,7 @@ def run_pass(
     x, P = runs.start, np.array(np.broadcast_to(problem.covariance, (B, n, n)), order="C")
     last_x, last_P, sound = x, P, np.ones(B, dtype=bool)
     log_likelihood, nis = np.zeros(B), np.zeros((N, B))
-    history = (
-        BankHistory(
-            np.zeros((m, N, B)), np.ones((m, N, B)), np.zeros((n, N, B)), np.zeros((n, N, B))
-        )
-        if keep
-        else None
-    )
+    history = BankHistory.empty(n, m, N, B) if keep else None
     with np.errstate(all="ignore"):
         filter_next_block = table_block_filter(problem, settings, runs) or step_block_filter(
             problem, settings, runs
@@ -92,12 +95,15 @@ def run_pass(
             log_likelihood = log_likelihood + np.where(finite, gains, 0.0).sum(axis=0)
             nis[first:last] = np.where(finite, block_nis, 0.0)
             if trace is not None:
-                trace.mean[first:last], trace.covariance[first:last] = (
-                    block.mean.transpose(0, 2, 1),
-                    block.covariance,
-                )
+                trace.mean[first:last] = block.mean.transpose(0, 2, 1)
+                trace.covariance[first:last] = block.covariance
             if history is not None:
-                _write_history(history, slice(first, last), block, finite, (last_x, last_P))
+                diagonals = (last_P, block.covariance, block.innovation[..., 1:])
+                last_variance, variance, y_variance = (
+                    np.diagonal(array, axis1=-2, axis2=-1) for array in diagonals
+                )
+                rows = block.mean, variance, block.innovation[..., 0], y_variance
+                history.write(slice(first, last), *rows, finite, (last_x.T, last_variance))
             last_x, last_P, sound = *_last_sound(block, finite, last_x, last_P), finite[-1]
     # P is symmetric but for rounding, since each step mirrors the rows of the states.
     return BankPass(
@@ -147,49 +153,9 @@ def _last_sound(
         return block.mean[-1].T, block.covariance[-1]
     last_x, last_P, count = x.copy(), P.copy(), np.count_nonzero(finite, axis=0)
     for run in np.flatnonzero(count):
-        last_x[:, run], last_P[run] = (
-            block.mean[count[run] - 1, run],
-            block.covariance[count[run] - 1, run],
-        )
+        k = count[run] - 1
+        last_x[:, run], last_P[run] = block.mean[k, run], block.covariance[k, run]
     return last_x, last_P
-
-
-def _write_history(
-    history: BankHistory,
-    at: slice,
-    block: FilteredBlock,
-    finite: np.ndarray,
-    before: tuple[np.ndarray, np.ndarray],
-) -> None:
-    """Write a block into the samples ``at`` of the history. Runs that have broken down keep their
-    last finite values.
-
-    ``finite (K, B)`` is False where a run has broken down. ``before`` are the mean ``(n, B)`` and
-    covariance ``(B, n, n)`` of the last finite sample before the block.
-    """
-    mean, variance = block.mean, np.diagonal(block.covariance, axis1=2, axis2=3)
-    if not finite.all():
-        count = np.count_nonzero(finite, axis=0)
-        # the last finite sample, -1 if before this block
-        row = np.minimum(np.arange(len(mean))[:, None], count - 1)
-        mean = np.where(
-            (row >= 0)[:, :, None],
-            np.take_along_axis(mean, np.maximum(row, 0)[:, :, None], axis=0),
-            before[0].T,
-        )
-        variance_before = np.diagonal(before[1], axis1=1, axis2=2)
-        variance = np.where(
-            (row >= 0)[:, :, None],
-            np.take_along_axis(variance, np.maximum(row, 0)[:, :, None], axis=0),
-            variance_before,
-        )
-    history.mean[:, at], history.std[:, at] = (
-        mean.transpose(2, 0, 1),
-        np.sqrt(np.maximum(variance, 0.0)).transpose(2, 0, 1),
-    )
-    y, S = block.innovation[..., 0], np.diagonal(block.innovation[..., 1:], axis1=2, axis2=3)
-    history.innovation[:, at] = np.where(finite[:, :, None], y, 0.0).transpose(2, 0, 1)
-    history.innovation_std[:, at] = np.where(finite[:, :, None], np.sqrt(S), 1.0).transpose(2, 0, 1)
 
 
 # ---- Many extended Kalman filters in one batched pass: banks of delays, Monte-Carlo campaigns
@@ -307,20 +273,18 @@ def bank_estimate(
     likelihood.
     """
     history = result.history
-    log_likelihood = np.where(sound, result.log_likelihood, -np.inf)
-    estimate = (
+    histories: tuple[np.ndarray, ...] = ()
+    if history is not None:
+        histories = history.innovation, history.innovation_std, history.mean, history.std
+    return BankEstimate(
         problem.names,
         result.mean,
         result.covariance,
-        log_likelihood,
+        np.where(sound, result.log_likelihood, -np.inf),
         result.nis,
         sound,
         iterations,
-    )
-    if history is None:
-        return BankEstimate(*estimate)
-    return BankEstimate(
-        *estimate, history.innovation, history.innovation_std, history.mean, history.std
+        *histories,
     )
 
 
@@ -383,9 +347,7 @@ def _number_of_runs(counts: Mapping[str, int]) -> int:
 
 
 def _merged(old: BankPass, new: BankPass, at: np.ndarray) -> BankPass:
-    """Return the result ``old`` with the runs at the positions ``at`` replaced by those of
-    ``new``.
-    """
+    """Return the result ``old`` with the runs ``at`` replaced by those of ``new``."""
 
     def replaced(whole: np.ndarray, part: np.ndarray, leading: bool = False) -> np.ndarray:
         merged = whole.copy()
@@ -449,36 +411,22 @@ def filter_batched(
         return by_table
     first = np.array(problem.start if start is None else start, dtype=float).reshape(-1, 1)
     runs = BankRuns(list(problem.p), problem.drive, problem.z[:, :, None], first)
-    system, trace = problem.system, empty_trace(problem, 1)
+    trace = empty_trace(problem, 1)
     result = run_pass(
         problem, settings, runs, False, None if nominal is None else nominal[:, :, None], trace
     )
     if not result.sound[0]:
         return filter_by_filterpy(problem, settings, start, nominal)
-    history, fitted = _history(problem, trace, nominal)
-    n_x = len(system.states)
-    names = problem.names[n_x:]
-    return Estimate(
-        "ekf",
-        names,
-        tuple(system.parameters[name].unit for name in names),
-        result.mean[n_x:, 0].copy(),
-        result.covariance[0, n_x:, n_x:].copy(),
-        Outcome.CONVERGED,
-        float(history.log_likelihood.sum()),
-        system.output_names,
-        np.sqrt(problem.variance),
-        (fitted,),
-        history,
-    )
+    estimate = _estimate_with_history(problem, trace, nominal)
+    n_x = len(problem.system.states)
+    covariance = result.covariance[0, n_x:, n_x:].copy()
+    return replace(estimate, values=result.mean[n_x:, 0].copy(), covariance=covariance)
 
 
-def _history(
+def _estimate_with_history(
     problem: FilterProblem, trace: BankTrace, nominal: np.ndarray | None
-) -> tuple[FilterHistory, np.ndarray]:
-    """Return the history of a pass of one run, and the predicted outputs ``(m, N)``, also where
-    samples are missing.
-    """
+) -> Estimate:
+    """Return the estimate of a pass of one run, with its history."""
     system, N, n = problem.system, len(problem.time), len(problem.names)
     n_x = len(problem.system.states)
     mean, covariance = trace.mean[:, :, 0], trace.covariance[:, 0]
@@ -501,22 +449,16 @@ def _history(
     log_likelihood, nis = likelihood_and_nis(
         np.concatenate([y[:, None, :, None], S[:, None]], axis=3), problem.valid
     )
-    history = FilterHistory(
-        problem.time,
-        problem.names,
-        mean.T.copy(),
-        np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2).T, 0.0)),
-        y.T.copy(),
-        np.sqrt(np.diagonal(S, axis1=1, axis2=2).T),
+    outputs = outputs + (jacobian @ (before - point.T)[:, :, None])[:, :, 0].T
+    sensitivity = trace.H[:, 0].copy()
+    arrays = mean, covariance.copy(), before, P_before, transition, y, S.copy(), sensitivity
+    return estimate_with_history(
+        problem,
+        "ekf",
+        Outcome.CONVERGED,
+        FilterBuffers(*arrays, outputs.T),
         problem.valid.copy(),
         log_likelihood[:, 0],
         nis[:, 0],
         np.count_nonzero(problem.valid, axis=0),
-        before.T.copy(),
-        P_before,
-        covariance.copy(),
-        transition,
-        trace.H[:, 0].copy(),
-        S.copy(),
     )
-    return history, outputs + (jacobian @ (before - point.T)[:, :, None])[:, :, 0].T

@@ -3,7 +3,7 @@
 NASA TM-101722 ran nine filters with delays from 0 to 200 ms, and used the most likely filter and
 the weighted sum. Both are returned here, and also a refined delay between the grid points. Wrong
 starting values bias ordinary filters, since delay, lag and short period are correlated. The refined
-banks are therefore linearised about their own smoothed result (`ident.banks.iterated_bank`). Their
+banks are therefore linearised about their own smoothed result (`ident.banks.engines`). Their
 grids shrink about the maximum until the log likelihood is a parabola. Its vertex is the delay, and
 its curvature gives the sigma.
 """
@@ -313,9 +313,7 @@ def _final_parameters(system: System, trajectory: np.ndarray) -> Mapping[str, fl
 def _with_delay(
     estimate: Estimate, name: str, unit: str, refined: _RefinedDelay, n_x: int
 ) -> Estimate:
-    """Return the estimate with the delay as its last parameter. The uncertainty of the delay is
-    added to the covariance of the others.
-    """
+    """Return the estimate with the delay as last parameter, its uncertainty added to the others."""
     n = len(estimate.names)
     covariance = np.zeros((n + 1, n + 1))
     covariance[:n, :n] = estimate.covariance

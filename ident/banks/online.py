@@ -24,9 +24,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ident.banks.bank import BankEstimate, likelihood_and_nis, sound_so_far
+from ident.banks.block_kernels import BlockInputs, filter_samples, table_kernel
 from ident.banks.delays import DELAYS
-from ident.banks.table_kernel import BlockData, Tables, equation_tables, filter_block
-from ident.filters.problem import prior_std
+from ident.bilinear_table import Tables, equation_tables
+from ident.filters.problem import prior_covariance, refuse_undeclared_noise
 from sim.declaration.model import System
 from sim.errors import ModelError
 
@@ -166,13 +167,7 @@ def online_bank(
         raise ModelError("the parameter is free", where=f"bank, {name}", remedy="fix it")
     values = system.parameters.values().tolist()
     density, variance = system.noise(values)
-    for output, value in zip(system.output_names, variance, strict=True):
-        if not (np.isfinite(value) and value > 0):
-            raise ModelError(
-                "its measurement noise is not declared",
-                where=f"output {output}",
-                remedy="give its standard deviation",
-            )
+    refuse_undeclared_noise(system, variance)
     for parameter in free_names:
         if system.declared_noise.process_density.get(parameter, 0.0):
             raise ModelError(
@@ -198,8 +193,6 @@ def online_bank(
             where="on-line bank",
             remedy="use run_bank on the whole record",
         )
-    std = [prior_std(system, state, state=True) for state in system.state_names]
-    std += [prior_std(system, parameter, state=False) for parameter in free_names]
     grid = np.atleast_1d(np.asarray(delays, dtype=float))
     p: list[Any] = list(values)
     p[system.parameters.index(name)] = grid
@@ -214,7 +207,7 @@ def online_bank(
         p,
         tables,
         start,
-        np.diag(np.square(std)),
+        prior_covariance(system),
         gate,
         interval,
         memory,
@@ -327,9 +320,7 @@ def _node_times(bank: OnlineBank, time: np.ndarray) -> tuple[np.ndarray, np.ndar
 def _states_after(
     bank: OnlineBank, state: BankState, nodes: _Nodes, outputs: np.ndarray
 ) -> list[BankState]:
-    """Return the states after the rows of ``nodes`` with the samples ``outputs (m, K)``, NaN where
-    missing.
-    """
+    """Return the states after the rows of ``nodes`` with ``outputs (m, K)``, NaN if missing."""
     z, count = outputs.copy(), outputs.shape[1]
     states: list[BankState] = []
     first, length = 0, count
@@ -375,12 +366,10 @@ def _filtered(
     """
     valid = ~np.isnan(z)
     missing = [None if column.all() else np.flatnonzero(~column) for column in valid.T]
-    result = filter_block(
-        bank.tables,
-        BlockData(nodes.steps[rows], nodes.dt, nodes.u, None, z.T[:, None, :, None], missing),
-        before.mean,
-        before.covariance,
-    )
+    inputs = BlockInputs(nodes.dt, nodes.u, None)
+    kernel = table_kernel(bank.tables, inputs, before.mean, before.covariance)
+    samples = z.T[:, None, :, None]
+    result = filter_samples(kernel, bank.R, nodes.steps[rows], samples, missing)
     gains, nis = likelihood_and_nis(result.innovation, valid)
     sound = sound_so_far(result, nis, before.sound)
     log_likelihood = before.log_likelihood + np.cumsum(np.where(sound, gains, 0.0), axis=0)
@@ -573,7 +562,5 @@ def spread_covariance(std: np.ndarray, differences: np.ndarray) -> np.ndarray:
 
 
 def _median_variance(differences: np.ndarray, sound: np.ndarray) -> np.ndarray:
-    """Return the variances from the median over the starts (second axis) of the squared
-    ``differences``. The square of a diverged start counts as infinite.
-    """
+    """Return the median over the starts (second axis) of squares; a diverged start is infinite."""
     return np.median(np.where(sound, np.square(differences), np.inf), axis=1) / MEDIAN_SQUARE

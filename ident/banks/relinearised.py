@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.banks.delays import likelihood_weights, run_delay_bank
-from ident.banks.iterated_bank import run_iterated_bank
+from ident.banks.engines import run_iterated_bank
 from ident.banks.online import BankState, OnlineBank, Rows, advance, online_bank, with_delays
 from ident.estimate import Estimate, Outcome
 from sim.declaration.model import System
@@ -288,10 +288,7 @@ def _fine_delays(delay: float, std: float, least: float, most: float) -> np.ndar
     ``least`` and ``most``. All are in s.
     """
     half_range = (FILTERS_ON_EITHER_SIDE + 0.5) * std
-    low, high = (
-        min(max(delay - half_range, least), most),
-        min(max(delay + half_range, least), most),
-    )
+    low, high = (min(max(end, least), most) for end in (delay - half_range, delay + half_range))
     count = max(round((high - low) / std + 0.499), FEWEST_FILTERS)  # rounded up, but for rounding
     return low + (high - low) / count * (np.arange(count) + 0.5)
 

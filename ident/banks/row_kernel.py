@@ -3,7 +3,7 @@
 The last axis of every array counts the runs: each number of the filter is a row ``(B,)`` over the
 runs. NumPy works on whole rows, element by element. The result of a run therefore does not depend
 on the other runs, and zero coefficients of the equations are skipped. The filters equal those of
-`ident.banks.equation_kernels` and are several times faster for hundreds of runs.
+`ident.banks.block_kernels` and are several times faster for hundreds of runs.
 
 A pass filters as many runs together as fit into the cache of a processor. After every
 ``SAMPLES_PER_CHECK`` samples it checks which runs are still finite. If a run has diverged, the pass
@@ -18,18 +18,102 @@ B)``.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from ident.banks.equation_kernels import BankHistory, BankPass, BankRuns
-from ident.banks.table_kernel import Tables, pass_tables
-from ident.bilinear_table import Bilinear
+from ident.banks.block_kernels import BankRuns, pass_tables
+from ident.bilinear_table import Bilinear, Tables
 from ident.estimate import LARGEST_NUMBER
 from ident.filters.ekf import FilterSettings
 from ident.filters.problem import FilterProblem
+
+# ---- Result of a pass
+
+_EMPTY = (np.zeros, np.ones, np.zeros, np.zeros)  # functions that make the arrays of a history
+
+
+@dataclass(frozen=True, eq=False)
+class BankHistory:
+    """Histories of B runs over N samples. A failed run keeps its last mean.
+
+    Attributes
+    ----------
+    innovation : ``(m, N, B)``, zero where a sample is missing.
+    innovation_std : ``(m, N, B)`` standard deviations, one where a sample is missing.
+    mean : ``(n, N, B)`` after each update.
+    std : ``(n, N, B)`` standard deviations after each update.
+    """
+
+    innovation: np.ndarray
+    innovation_std: np.ndarray
+    mean: np.ndarray
+    std: np.ndarray
+
+    @classmethod
+    def empty(cls, n: int, m: int, N: int, B: int) -> BankHistory:
+        """Return a history without samples."""
+        shapes = (m, N, B), (m, N, B), (n, N, B), (n, N, B)
+        return cls(*(fill(shape) for fill, shape in zip(_EMPTY, shapes, strict=True)))
+
+    def write(
+        self,
+        at: slice,
+        mean: np.ndarray,
+        variance: np.ndarray,
+        y: np.ndarray,
+        y_variance: np.ndarray,
+        finite: np.ndarray,
+        before: tuple[np.ndarray, np.ndarray],
+    ) -> None:
+        """Write K samples. Runs that have broken down keep their last finite values.
+
+        Parameters
+        ----------
+        at : the samples in the history.
+        mean, variance : ``(K, B, n)`` after each update.
+        y, y_variance : ``(K, B, m)`` innovations and their variances.
+        finite : ``(K, B)`` False where a run has broken down.
+        before : mean and variance ``(B, n)`` of the last finite sample before these.
+        """
+        if not finite.all():
+            # the last finite sample, -1 if before these samples
+            row = np.minimum(np.arange(len(mean))[:, None], np.count_nonzero(finite, axis=0) - 1)
+            inside, row = (row >= 0)[:, :, None], np.maximum(row, 0)[:, :, None]
+            mean, variance = (
+                np.where(inside, np.take_along_axis(rows, row, axis=0), last)
+                for rows, last in zip((mean, variance), before, strict=True)
+            )
+        self.mean[:, at] = mean.transpose(2, 0, 1)
+        self.std[:, at] = np.sqrt(np.maximum(variance, 0.0)).transpose(2, 0, 1)
+        self.innovation[:, at] = np.where(finite[:, :, None], y, 0.0).transpose(2, 0, 1)
+        y_std = np.where(finite[:, :, None], np.sqrt(y_variance), 1.0)
+        self.innovation_std[:, at] = y_std.transpose(2, 0, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class BankPass:
+    """Result of one pass of B runs.
+
+    Attributes
+    ----------
+    mean : ``(n, B)`` after the last finite sample.
+    covariance : ``(B, n, n)`` after the last finite sample.
+    log_likelihood : ``(B,)`` of the finite samples.
+    nis : ``(N, B)`` normalised innovation squared, zero where a run has broken down.
+    sound : ``(B,)`` False where a run broke down.
+    history : histories, None where they are not kept.
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    log_likelihood: np.ndarray
+    nis: np.ndarray
+    sound: np.ndarray
+    history: BankHistory | None
+
 
 # ---- One step of many filters of bilinear equations
 
@@ -336,11 +420,7 @@ def _filtered(
     mean = w[1 : 1 + n]
     last_mean, last_P, finite = mean.copy(), P.copy(), np.ones(B, dtype=bool)
     log_likelihood, nis = np.zeros(B), np.zeros((N, B))
-    history = None
-    if keep:
-        history = BankHistory(
-            np.zeros((m, N, B)), np.ones((m, N, B)), np.zeros((n, N, B)), np.zeros((n, N, B))
-        )
+    history = BankHistory.empty(n, m, N, B) if keep else None
     buffers = _BlockBuffers(
         np.empty((SAMPLES_PER_CHECK, n, B)),
         np.empty((SAMPLES_PER_CHECK, n, B)),
@@ -361,7 +441,13 @@ def _filtered(
         nis[samples], finite = np.where(good, sample_nis, 0.0), good[-1]
         if history is not None:
             last_variance = last_P.reshape(n * n, B)[:: n + 1]
-            _write_history(history, samples, buffers, good, (last_mean, last_variance))
+            updates = buffers.updates
+            means, variances, y, S = (
+                array[: last - first].swapaxes(1, 2)
+                for array in (buffers.mean, buffers.variance, updates.y, updates.S)
+            )
+            before_block = (last_mean.T, last_variance.T)
+            history.write(samples, means, variances, y, S, good, before_block)
         if good[-1].all():
             last_mean[:], last_P[:] = mean, P
             continue
@@ -423,9 +509,7 @@ def _prepared(
 
 
 def _runs_of(rows: Sequence[np.ndarray], part: slice) -> list[np.ndarray]:
-    """Return the columns ``part`` of rows ``(M, B)``; rows that are common to all runs, ``(M,)`` or
-    ``(M, 1)``, remain as they are.
-    """
+    """Return the columns ``part`` of rows ``(M, B)``; rows common to all runs stay as they are."""
     return [
         row if row.ndim == 1 or row.shape[1] == 1 else row[:, part] for row in map(np.asarray, rows)
     ]
@@ -450,32 +534,6 @@ def _finite_so_far(
     )
     good[-1] &= np.abs(P).max(axis=(0, 1)) < LARGEST_NUMBER
     return np.logical_and.accumulate(good, axis=0) & before
-
-
-def _write_history(
-    history: BankHistory,
-    samples: slice,
-    buffers: _BlockBuffers,
-    good: np.ndarray,
-    before: tuple[np.ndarray, np.ndarray],
-) -> None:
-    """Write K samples into the history. Diverged runs keep their last finite mean and variance.
-
-    ``good (K, B)`` is True where a run is finite. ``before`` are the mean and the variance ``(n,
-    B)`` at the last finite sample before.
-    """
-    K = len(good)
-    mean, variance = buffers.mean[:K].copy(), buffers.variance[:K].copy()
-    for run in np.flatnonzero(~good[-1]):
-        count = np.count_nonzero(good[:, run])
-        mean[count:, :, run] = mean[count - 1, :, run] if count else before[0][:, run]
-        variance[count:, :, run] = variance[count - 1, :, run] if count else before[1][:, run]
-    y = np.where(good[:, None], buffers.updates.y[:K], 0.0)
-    y_std = np.where(good[:, None], np.sqrt(buffers.updates.S[:K]), 1.0)
-    history.mean[:, samples] = mean.swapaxes(0, 1)
-    history.std[:, samples] = np.sqrt(np.maximum(variance, 0.0)).swapaxes(0, 1)
-    history.innovation[:, samples] = y.swapaxes(0, 1)
-    history.innovation_std[:, samples] = y_std.swapaxes(0, 1)
 
 
 def _joined(parts: Sequence[BankPass]) -> BankPass:

@@ -8,8 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from ident.compatibility.fault_sets import FaultSearch, largest_chance_loss, search
-from ident.compatibility.fitting import KinematicFit, fit
-from ident.compatibility.instruments import instruments_of, projected_whitener, reduced_whitener
+from ident.compatibility.fitting import (
+    KinematicFit,
+    fit,
+    instruments_of,
+    projected_whitener,
+    reduced_whitener,
+)
 from ident.compatibility.kinematics import BIAS, DRIFT, SensorFault, faults_of
 from ident.compatibility.signals import (
     NO_AIRSPEED,
@@ -21,7 +26,7 @@ from ident.compatibility.signals import (
 )
 from ident.compatibility.six_degrees.check import channels_of, has_six_degrees
 from ident.compatibility.six_degrees.check import check as six_degrees
-from ident.compatibility.six_degrees.signals import WINGS_LEVEL_NOTE
+from ident.compatibility.six_degrees.kinematics import WINGS_LEVEL_NOTE
 from ident.compatibility.trials import (
     CheckResult,
     Compatibility,
@@ -94,7 +99,7 @@ def _compatibility(
     for record in records:
         _refuse_unusable(record)
     if warnings := bank_angle_warnings(records, settings.airspeed, settings.gravity):
-        return _nothing_observable(records, warnings)
+        return _without_estimates(records, channels_of(records), warnings)
     if has_six_degrees(records, settings) if six is None else six:
         return six_degrees(records, settings, each=each)
     records = [_without_lateral_controls(record) for record in records]
@@ -118,7 +123,8 @@ def _compatibility(
     related = relations(usable)
     notes += [WINGS_LEVEL_NOTE] if related else []
     if not related:
-        return _without_relations(records, channels, notes)
+        sentences = _channels_without_relation(channels, {})
+        return _without_estimates(records, channels, sentences, notes)
     signals = [
         signals_of(record, usable, settings.airspeed, settings.gravity, settings.vane_arm)
         for record in records
@@ -177,21 +183,16 @@ def _timing_notes(search_result: FaultSearch, signals: Sequence[KinematicSignals
     return notes
 
 
-def _without_relations(
-    records: Sequence[Record], channels: tuple[str, ...], notes: Sequence[str]
+def _without_estimates(
+    records: Sequence[Record],
+    channels: tuple[str, ...],
+    unobservable: tuple[str, ...],
+    notes: Sequence[str] = (),
 ) -> Compatibility:
-    """Return the result for channels among which there is no kinematic relation."""
+    """Return the result without a relation that can be checked; ``unobservable`` says why."""
     empty = CheckResult(tuple(record.name for record in records), (), (), (), {})
     single = tuple(replace(empty, records=(record.name,)) for record in records)
-    unobservable = _channels_without_relation(channels, {})
     return Compatibility(channels, {}, empty, single, (), unobservable, tuple(notes))
-
-
-def _nothing_observable(records: Sequence[Record], reasons: tuple[str, ...]) -> Compatibility:
-    """Return the result if nothing is observable; the sentences ``reasons`` say why."""
-    empty = CheckResult(tuple(record.name for record in records), (), (), (), {})
-    single = tuple(replace(empty, records=(record.name,)) for record in records)
-    return Compatibility(channels_of(records), {}, empty, single, (), reasons, ())
 
 
 def _result(search_result: FaultSearch, biases: tuple[SensorEstimate, ...]) -> CheckResult:
@@ -238,15 +239,12 @@ def _result_of_record(
     one_drift = replace(settings, false_alarm=settings.false_alarm / count, most=1)
     drift_search = search(with_accepted, drifts, [], one_drift)
     return _result(
-        replace(drift_search, trials=(*trials, *drift_search.trials)),
-        bias_estimates(with_accepted),
+        replace(drift_search, trials=(*trials, *drift_search.trials)), bias_estimates(with_accepted)
     )
 
 
 def _joint_start(bases: Sequence[KinematicFit]) -> KinematicFit:
-    """Return the starting point of a joint fit: the unknowns of the fits of single records, and the
-    geometric means of their noise variances.
-    """
+    """Return the unknowns of single records, with the geometric means of their noise."""
     white = np.exp(np.mean([np.log(base.noise.white) for base in bases], axis=0))
     density = np.exp(np.mean([np.log(base.noise.density) for base in bases], axis=0))
     return replace(
@@ -361,9 +359,7 @@ def _bank(
 def _wrong_rates(
     record: Record, rates: Sequence[str], phi: np.ndarray, airspeed: float | None, gravity: float
 ) -> tuple[np.ndarray, ...]:
-    """Return the errors ``(N,)``, rad/s, that the assumption of level wings causes in the rate of
-    theta and, where an airspeed is known, in that of alpha.
-    """
+    """Return the errors ``(N,)``, rad/s, of the rates of theta and alpha if wings are not level."""
     speed = _speed(record, airspeed)
     q = _filled(record, "q") if "q" in record.output_names else np.zeros(len(record))
     if "r" in rates:

@@ -11,8 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.compatibility.fitting import KinematicFit, fit, least_misfit, smoother_sigmas
-from ident.compatibility.instruments import instrumented, projected_whitener
+from ident.compatibility.fitting import (
+    KinematicFit,
+    fit,
+    instrumented,
+    least_misfit,
+    projected_whitener,
+    smoother_sigmas,
+)
 from ident.compatibility.kinematics import ARM, BOOM, DELAY, LAG, PACKAGE, SensorFault
 from ident.compatibility.trials import (
     LEAST_PROJECTED_GAIN,
@@ -205,9 +211,7 @@ def _extended(
     faults: Sequence[SensorFault],
     fitted: dict[frozenset[SensorFault], KinematicFit],
 ) -> list[KinematicFit]:
-    """Return fits of a set with one more fault, for the faults with the largest first-order gains.
-    Sets that are already ``fitted`` are left out.
-    """
+    """Return fits with one more fault, those of the largest gains, without those ``fitted``."""
     timed = time_references(kinematic_fit.signals)
     candidates = [
         fault
@@ -466,13 +470,13 @@ def search(
     refused: dict[SensorFault, FaultTrial] = {}
     while True:
         candidates = [fault for fault in faults if fault not in refused]
-        best, early = _select_set(
-            base,
-            [t.fit for t in singles if t.fault not in refused],
-            candidates,
-            penalty,
-            settings.most,
-        )
+        single_fits = [t.fit for t in singles if t.fault not in refused]
+        sets = grow_sets(base, single_fits, candidates, penalty, settings.most)
+        best = best_set_of(sets, penalty)
+        early = float(best.fit.sizes[-1]) if best.early else None
+        if best.early:
+            best = fault_set(fit(base.signals, best.fit.faults[:-1], base), best.given)
+        best = without_superfluous_faults(base, best, penalty)
         best, slots = slots_with_trials(base, best, candidates, singles)
         failing = [
             slot.trials[0]
@@ -482,33 +486,11 @@ def search(
         if not failing:
             break
         refused |= {trial.fault: trial for trial in failing}
-    groups = [_group(slot, bases, chance_loss) for slot in slots]
+    groups = []
+    for slot in slots:
+        first, *rivals = slot.within(chance_loss)
+        groups.append([first, *(t for t in rivals if records_agree(bases, slot.others, t))])
     return _search_result(faults, groups, slots, singles, refused, best.fit, early)
-
-
-def _select_set(
-    base: KinematicFit,
-    singles: Sequence[KinematicFit],
-    faults: Sequence[SensorFault],
-    penalty: float,
-    most: int,
-) -> tuple[FaultSet, float | None]:
-    """Return the best set without superfluous faults, and the time (s) by which a load would be
-    early, where the best set has this.
-    """
-    best = best_set_of(grow_sets(base, singles, faults, penalty, most), penalty)
-    early = float(best.fit.sizes[-1]) if best.early else None
-    if best.early:
-        best = fault_set(fit(base.signals, best.fit.faults[:-1], base), best.given)
-    return without_superfluous_faults(base, best, penalty), early
-
-
-def _group(slot: Slot, bases: Sequence[KinematicFit], chance_loss: float) -> list[FaultTrial]:
-    """Return the best trial of a position, and those that may be confused with it and on which the
-    single records agree.
-    """
-    best, *rivals = slot.within(chance_loss)
-    return [best, *(t for t in rivals if records_agree(bases, slot.others, t))]
 
 
 def _search_result(
@@ -543,17 +525,30 @@ def _search_result(
         shares = probabilities([(t.fault, t.quantity, losses.get(t.fault, 0.0)) for t in group])
         for t in group:
             if grouped[t.fault] is t:
-                others = tuple(name for name in names if name != t.fault.name)
-                finding = _finding(t, others, losses.get(t.fault, 0.0), supported=True)
-                leader = "" if t is group[0] else names[0]
-                findings.append(replace(finding, probabilities=shares, instead_of=leader))
+                finding = SensorFinding.of(
+                    t.fault,
+                    t.quantity,
+                    t.gain,
+                    supported=True,
+                    group=tuple(name for name in names if name != t.fault.name),
+                    lost=losses.get(t.fault, 0.0),
+                    probabilities=shares,
+                    instead_of="" if t is group[0] else names[0],
+                )
+                findings.append(finding)
     rejected = [trials[fault] for fault in faults if fault not in grouped]
     for t in sorted(rejected, key=lambda trial: trial.p_value):
-        finding = _finding(
-            t, (), losses.get(t.fault), supported=False, replicates=t.fault not in refused
+        in_place_only = t.fault in replaced and t.fault not in added
+        finding = SensorFinding.of(
+            t.fault,
+            t.quantity,
+            t.gain,
+            supported=False,
+            group=(),
+            lost=losses.get(t.fault),
+            replicates=t.fault not in refused,
+            instead_of=replaced[t.fault].name if in_place_only else "",
         )
-        if t.fault in replaced and t.fault not in added:
-            finding = replace(finding, instead_of=replaced[t.fault].name)
         findings.append(finding)
     return FaultSearch(tuple(findings), tuple(trials.values()), current, early)
 
@@ -573,27 +568,3 @@ def _replacements(
                 losses[trial.fault], trials[trial.fault] = loss, trial
                 replaced[trial.fault] = slot.trials[0].fault
     return losses, trials, replaced
-
-
-def _finding(
-    trial: FaultTrial,
-    group: tuple[str, ...],
-    loss: float | None,
-    *,
-    supported: bool,
-    replicates: bool = True,
-) -> SensorFinding:
-    fault = trial.fault
-    return SensorFinding(
-        fault.channel,
-        fault.kind,
-        trial.quantity.value,
-        trial.quantity.std,
-        fault.unit,
-        trial.gain,
-        supported,
-        group,
-        fault.name,
-        replicates,
-        loss,
-    )

@@ -258,7 +258,10 @@ def reconstructed_outputs(s: KinematicSignals, value: Values) -> np.ndarray:
             - s.gravity * h * midpoints(np.sin(climb))
         )
         states["airspeed"] = value("start", "airspeed") + cumulative(change)
-    readings = [_reading_of_state(s, name, states[name], value, speed) for name in s.outputs]
+    vane_arm = value("alpha", ARM) + s.vane_arm
+    if "alpha" in s.outputs and np.any(vane_arm):
+        states["alpha"] = states["alpha"] - vane_arm / speed * true_samples(s, "q", value)
+    readings = [sensor_reading(s, name, states[name], value) for name in s.outputs]
     width = max(row.shape[0] for row in readings)
     return np.array([np.broadcast_to(row, (width, len(s.time))) for row in readings])
 
@@ -322,18 +325,6 @@ def true_samples(s: KinematicSignals, name: str, value: Values) -> np.ndarray:
     )
 
 
-def _reading_of_state(
-    s: KinematicSignals, name: str, state: np.ndarray, value: Values, speed: np.ndarray
-) -> np.ndarray:
-    """Return the reading ``(P, N)`` of the sensor of a state ``(P, N)``. The arm of a vane acts
-    first, with the true pitch rate, then the faults of `sensor_reading`.
-    """
-    arm = value(name, ARM) + s.vane_arm
-    if name == "alpha" and np.any(arm):
-        state = state - arm / speed * true_samples(s, "q", value)
-    return sensor_reading(s, name, state, value)
-
-
 def sensor_reading(s: KinematicSignals, name: str, y: np.ndarray, value: Values) -> np.ndarray:
     """Return the reading ``(P, N)`` of a sensor whose true signal is ``y (P, N)``. Lag, delay,
     scale, bias and drift act in this order.
@@ -370,9 +361,7 @@ def _lagged(y: np.ndarray, dy: np.ndarray, t: np.ndarray, lag: np.ndarray) -> np
 
 
 def _shifted(t: np.ndarray, y: np.ndarray, dy: np.ndarray, by: np.ndarray) -> np.ndarray:
-    """Return y(t + by), ``(P, N)``, for times ``by (P, 1)``, s: cubic between samples with the
-    slopes ``dy``, and linear beyond the ends.
-    """
+    """Return y(t + by), ``(P, N)``: cubic with slopes ``dy``, linear beyond the ends."""
     if y.ndim == 1:  # one signal for all P shifts, most of which are equal
         shifts, which = np.unique(by[:, 0], return_inverse=True)
         rows = [_shifted_by_one_time(t, y[None], dy[None], float(shift)) for shift in shifts]
@@ -415,9 +404,7 @@ def cumulative(increments: np.ndarray) -> np.ndarray:
 
 
 def _slopes(y: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Return the slopes of ``y`` at the samples, by parabolas through three successive samples, and
-    at the ends by straight lines.
-    """
+    """Return the slopes of ``y``, by parabolas through three samples; lines at the ends."""
     h = np.diff(t)
     secants = np.diff(y, axis=-1) / h
     inner = (secants[..., :-1] * h[1:] + secants[..., 1:] * h[:-1]) / (h[1:] + h[:-1])
@@ -482,8 +469,7 @@ def start_of(s: KinematicSignals, unknowns: Sequence[Unknown]) -> np.ndarray:
     for i, item in enumerate(unknowns):
         channel, kind = item.key
         if channel == "start":
-            first = np.flatnonzero(s.valid[s.outputs.index(kind)])[:FIRST_SAMPLES]
-            start[i] = float(np.median(s.channels[kind][first])) if first.size else 0.0
+            start[i] = initial_state(s, kind)
         elif item.key == ("nz", BIAS):
             level = float(np.mean(s.channels["nz"]))
             if "theta" not in s.channels:
@@ -491,6 +477,25 @@ def start_of(s: KinematicSignals, unknowns: Sequence[Unknown]) -> np.ndarray:
             else:
                 start[i] = 0.0 if level > 0.5 else -1.0
     return start
+
+
+def initial_state(s: KinematicSignals, name: str) -> float:
+    """Return the median of the first valid samples of an output."""
+    first = np.flatnonzero(s.valid[s.outputs.index(name)])[:FIRST_SAMPLES]
+    return float(np.median(s.channels[name][first])) if first.size else 0.0
+
+
+def columns_of(
+    unknowns: Sequence[Unknown], faults: Sequence[SensorFault], own: np.ndarray, sizes: np.ndarray
+) -> dict[Key, np.ndarray]:
+    """Return the key of each unknown and fault -> its values ``(P, 1)``. The arguments are those of
+    `evaluate`.
+    """
+    table = {item.key: own[:, i : i + 1] for i, item in enumerate(unknowns)}
+    for j, fault in enumerate(faults):
+        key = (fault.channel, fault.kind)
+        table[key] = table[key] + sizes[:, j : j + 1] if key in table else sizes[:, j : j + 1]
+    return table
 
 
 def evaluate(
@@ -503,11 +508,7 @@ def evaluate(
     """Return the outputs ``(m, P, N)`` for P sets of values ``own (P, n)`` of the unknowns of the
     record and ``sizes (P, k)`` of the faults.
     """
-    table = {item.key: own[:, i : i + 1] for i, item in enumerate(unknowns)}
-    for j, fault in enumerate(faults):
-        key = (fault.channel, fault.kind)
-        table[key] = table[key] + sizes[:, j : j + 1] if key in table else sizes[:, j : j + 1]
-    none = np.zeros((1, 1))
+    table, none = columns_of(unknowns, faults, own, sizes), np.zeros((1, 1))
     return reconstructed_outputs(s, lambda channel, kind: table.get((channel, kind), none))
 
 

@@ -8,9 +8,10 @@ of a Kalman filter with the noise of the inputs as process noise.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -117,42 +118,73 @@ def signals_of(
     gravity : m/s2.
     vane_arm : m.
     """
-    bridged, valid, spikes = {}, {}, {}
+    bridged = bridged_channels(record, channels, _channel)
+    related = relations(channels)
+    used = {name for joined in related.values() for name in joined}
+    used |= {"airspeed"} if "alpha" in related else set()
+    jumps = _load_jumps(record, bridged.values) if "alpha" in related else np.zeros(0)
+    return joined_signals(record, bridged, related, used, airspeed, gravity, vane_arm, jumps)
+
+
+class BridgedChannels(NamedTuple):
+    """Channels of a record by name: ``values (N,)`` with straight lines across gaps, the mask
+    ``valid (N,)`` of samples that are used, and the number of isolated ``spikes``, which are not.
+    """
+
+    values: dict[str, np.ndarray]
+    valid: dict[str, np.ndarray]
+    spikes: dict[str, int]
+
+
+def bridged_channels(
+    record: Record,
+    channels: Sequence[str],
+    read: Callable[[Record, str], tuple[np.ndarray, np.ndarray]],
+) -> BridgedChannels:
+    """Return the ``channels`` of a record without isolated spikes. ``read`` returns the values
+    ``(N,)`` of a channel and the mask of valid ones.
+    """
+    bridged = BridgedChannels({}, {}, {})
     for name in channels:
-        values, mask = _channel(record, name)
+        values, mask = read(record, name)
         wrong = isolated_spikes(record.time[mask], values[mask])
-        spikes[name] = int(np.count_nonzero(wrong))
+        bridged.spikes[name] = int(np.count_nonzero(wrong))
         mask = mask.copy()
         mask[np.flatnonzero(mask)[wrong]] = False
-        bridged[name] = np.interp(record.time, record.time[mask], values[mask])
-        valid[name] = mask
-    relation_list = relations(channels)
-    used = {name for joined in relation_list.values() for name in joined}
-    edge = (
-        IGNORED_ENDS if record.time[-1] - record.time[0] > LEAST_RECORD_ENDS * IGNORED_ENDS else 0.0
-    )
-    inside = (record.time >= record.time[0] + edge) & (record.time <= record.time[-1] - edge)
-    if "airspeed" in bridged:
-        speed = bridged["airspeed"]
-    else:
-        speed = np.full(len(record), np.inf if airspeed is None else airspeed)
+        bridged.values[name] = np.interp(record.time, record.time[mask], values[mask])
+        bridged.valid[name] = mask
+    return bridged
+
+
+def joined_signals(
+    record: Record,
+    bridged: BridgedChannels,
+    related: Mapping[str, tuple[str, ...]],
+    used: Collection[str],
+    airspeed: float | None,
+    gravity: float,
+    vane_arm: float,
+    jumps: np.ndarray,
+) -> KinematicSignals:
+    """Return the signals of a record from its bridged channels, of which those in ``used`` are
+    kept, and its relations ``related``. The other arguments are those of `signals_of`, and the
+    ``jumps`` of `KinematicSignals`.
+    """
+    t, values = record.time, bridged.values
+    edge = IGNORED_ENDS if t[-1] - t[0] > LEAST_RECORD_ENDS * IGNORED_ENDS else 0.0
+    inside = (t >= t[0] + edge) & (t <= t[-1] - edge)
+    given_speed = np.full(len(record), np.inf if airspeed is None else airspeed)
     return KinematicSignals(
         record.name,
-        record.time,
-        {
-            name: bridged[name]
-            for name in channels
-            if name in used or (name == "airspeed" and "alpha" in relation_list)
-        },
-        tuple(relation_list),
-        np.array([valid[name] & inside for name in relation_list]).reshape(
-            len(relation_list), len(record)
-        ),
-        speed,
+        t,
+        {name: row for name, row in values.items() if name in used},
+        tuple(related),
+        np.array([bridged.valid[name] & inside for name in related]).reshape(-1, len(record)),
+        values.get("airspeed", given_speed),
         gravity,
         vane_arm,
-        _load_jumps(record, bridged) if "alpha" in relation_list else np.zeros(0),
-        spikes,
+        jumps,
+        bridged.spikes,
     )
 
 
@@ -168,9 +200,7 @@ def measured_channels(record: Record) -> tuple[str, ...]:
 
 
 def _channel(record: Record, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values ``(N,)`` of a channel and the mask of valid ones. Where nz is not recorded,
-    az gives it.
-    """
+    """Return the values ``(N,)`` of a channel and its mask; az gives an unrecorded nz."""
     if name == "nz" and "nz" not in record.output_names:
         return -record["az"].values / G0, record["az"].valid
     return record[name].values, record[name].valid

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -14,14 +15,15 @@ from ident.compatibility.fitting import (
     KinematicFit,
     difference_in_sigmas,
     fit,
+    instrumented,
     least_misfit,
     output_error,
     positions,
     prior_information,
+    projected_whitener,
     smoother_sigmas,
     whitened,
 )
-from ident.compatibility.instruments import instrumented, projected_whitener
 from ident.compatibility.kinematics import BIAS, DELAY, LAG, SensorFault, linearised, unknowns_of
 from ident.compatibility.signals import KinematicSignals, smoothed_walk
 from ident.statistics.intervals import bounded_inverse
@@ -59,6 +61,11 @@ class FaultQuantity:
     value: float
     std: float
 
+    @classmethod
+    def of(cls, fault: SensorFault, size: float, variance: float) -> FaultQuantity:
+        """Return the parameter of the effect: the size plus `SensorFault.offset`, and its sigma."""
+        return cls(size + fault.offset, math.sqrt(max(variance, 0.0)))
+
 
 @dataclass(frozen=True)
 class SensorEstimate:
@@ -84,6 +91,13 @@ class SensorEstimate:
     gain: float
     p_value: float
     determined: bool
+
+    @classmethod
+    def of(cls, fault: SensorFault, *estimates: Any) -> SensorEstimate:
+        """Return the estimate of a fault. ``estimates`` are the attributes from ``output_error``
+        on.
+        """
+        return cls(fault.name, fault.channel, fault.kind, fault.unit, *estimates)
 
     @property
     def agrees(self) -> bool:
@@ -123,6 +137,14 @@ class SensorFinding:
     lost: float | None = None
     probabilities: Mapping[str, float] = field(default_factory=dict)
     instead_of: str = ""
+
+    @classmethod
+    def of(
+        cls, fault: SensorFault, quantity: FaultQuantity, gain: float, **further: Any
+    ) -> SensorFinding:
+        """Return the finding of a fault; ``further`` are the other attributes by name."""
+        value, std, unit = quantity.value, quantity.std, fault.unit
+        return cls(fault.channel, fault.kind, value, std, unit, gain, name=fault.name, **further)
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,7 +274,7 @@ class FaultTrial:
     @property
     def quantity(self) -> FaultQuantity:
         """Parameter of the effect, which is the size plus `SensorFault.offset`, and its sigma."""
-        return FaultQuantity(self.size + self.fault.offset, math.sqrt(max(self.variance, 0.0)))
+        return FaultQuantity.of(self.fault, self.size, self.variance)
 
 
 def try_faults(base: KinematicFit, faults: Sequence[SensorFault]) -> list[FaultTrial]:
@@ -307,13 +329,9 @@ def estimate_of(trial: FaultTrial) -> SensorEstimate:
     widening = trial.variance / trial.white_variance if trial.white_variance > 0 else 1.0
     other_variance = float(covariance[-1, -1]) * widening
     difference = difference_in_sigmas(float(values[-1]), other_variance, trial.size, trial.variance)
-    fault = trial.fault
-    return SensorEstimate(
-        fault.name,
-        fault.channel,
-        fault.kind,
-        fault.unit,
-        FaultQuantity(float(values[-1]) + fault.offset, math.sqrt(max(other_variance, 0.0))),
+    return SensorEstimate.of(
+        trial.fault,
+        FaultQuantity.of(trial.fault, float(values[-1]), other_variance),
         trial.quantity,
         difference if trial.determined else 0.0,
         trial.gain,
@@ -330,26 +348,15 @@ def bias_estimates(base: KinematicFit) -> tuple[SensorEstimate, ...]:
         if item.key[1] != BIAS:
             continue
         fault = SensorFault(item.key[0], BIAS)
-        widening = float(sigmas.widening[i])
-        other_variance, variance = (
-            float(covariance[i, i]) * widening,
-            float(sigmas.covariance[i, i]) * widening,
-        )
-        value = float(base.own[0][i])
-        estimates.append(
-            SensorEstimate(
-                fault.name,
-                fault.channel,
-                BIAS,
-                fault.unit,
-                FaultQuantity(float(values[i]), math.sqrt(other_variance)),
-                FaultQuantity(value, math.sqrt(variance)),
-                difference_in_sigmas(float(values[i]), other_variance, value, variance),
-                0.0,
-                1.0,
-                True,
-            )
-        )
+        widening, value = float(sigmas.widening[i]), float(base.own[0][i])
+        other_value, other_variance = float(values[i]), float(covariance[i, i]) * widening
+        variance = float(sigmas.covariance[i, i]) * widening
+        quantities = [
+            FaultQuantity.of(fault, *pair)
+            for pair in ((other_value, other_variance), (value, variance))
+        ]
+        difference = difference_in_sigmas(other_value, other_variance, value, variance)
+        estimates.append(SensorEstimate.of(fault, *quantities, difference, 0.0, 1.0, True))
     return tuple(estimates)
 
 

@@ -6,8 +6,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from ident.compatibility.fitting import KinematicFit
-from ident.compatibility.instruments import projected_whitener
+from ident.compatibility.fitting import KinematicFit, projected_whitener
 from ident.compatibility.kinematics import (
     BIAS,
     DELAY,
@@ -184,9 +183,7 @@ def _confusable_groups(
 
 
 def _combination_sentence(row: np.ndarray, faults: Sequence[SensorFault]) -> str:
-    """Return the sentence on an unobservable combination of ``faults``; ``row`` has its
-    coefficients.
-    """
+    """Return the sentence on an unobservable combination with the coefficients ``row``."""
     members = [
         (faults[i], row[i]) for i in np.argsort(-np.abs(row)) if abs(row[i]) >= _LEAST_COEFFICIENT
     ]

@@ -103,18 +103,23 @@ def run_ekf(
     ------
     ModelError : where there is no common output, or a noise level or prior is not declared.
     """
-    settings, one_pass = settings or FilterSettings(), by or filter_by_filterpy
+    settings = settings or FilterSettings()
     problem = filter_problem(record, system, settings.max_step)
-    estimate = one_pass(problem, settings)
-    n_x = len(system.states)
+    return repeated_passes(problem, settings, by or filter_by_filterpy)
+
+
+def repeated_passes(
+    problem: FilterProblem, settings: FilterSettings, one_pass: OnePass
+) -> Estimate:
+    """Return the estimate of the last pass. Each pass starts from the parameters of the pass before
+    (`FilterSettings.passes`).
+    """
+    estimate, n_x = one_pass(problem, settings), len(problem.system.states)
     for iteration in range(2, settings.passes + 1):
         if estimate.outcome is not Outcome.CONVERGED:
             break
-        start = np.concatenate([problem.start[:n_x], estimate.values])
-        before, estimate = (
-            estimate,
-            replace(one_pass(problem, settings, start), iterations=iteration),
-        )
+        start, before = np.concatenate([problem.start[:n_x], estimate.values]), estimate
+        estimate = replace(one_pass(problem, settings, start), iterations=iteration)
         if change_in_sigmas(before, estimate) < SETTLED_SIGMAS:
             break
     return estimate
@@ -167,7 +172,10 @@ def filter_by_filterpy(
     -------
     Estimate with its history. Its outcome shows whether and how the filter broke down.
     """
-    return _run_filterpy(problem, _linearised(problem, settings), start, nominal)
+    equations = table_equations(problem, settings.step, settings.transition)
+    if equations is None:
+        return filter_by_complex_step(problem, settings, start, nominal)
+    return _run_filterpy(problem, _by_table(problem, equations), start, nominal)
 
 
 def filter_by_complex_step(
@@ -233,16 +241,6 @@ class _Linearised:
 
     propagate: Callable[[int, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
     observe: Callable[[int, np.ndarray], tuple[np.ndarray, np.ndarray]]
-
-
-def _linearised(problem: FilterProblem, settings: FilterSettings) -> _Linearised:
-    """Return the linearised equations, from their table where they are bilinear, else by complex
-    steps.
-    """
-    equations = table_equations(problem, settings.step, settings.transition)
-    if equations is None:
-        return _by_complex_step(problem, settings)
-    return _by_table(problem, equations)
 
 
 def _by_table(problem: FilterProblem, equations: FilterEquations) -> _Linearised:
@@ -328,9 +326,7 @@ def _update(
     keeper: HistoryKeeper,
     point: np.ndarray | None,
 ) -> Outcome | None:
-    """Update by filterpy (Joseph's form) with the channels that have a sample. Return the outcome
-    of a filter that broke down, else None.
-    """
+    """Update by filterpy (Joseph's form). Return the outcome of a breakdown, else None."""
     at = ekf.x[:, 0] if point is None else point
     expected, slopes = equations.observe(k, at)
     rows = np.flatnonzero(problem.valid[:, k])
@@ -402,11 +398,11 @@ def run_iterated_ekf(
     """
     settings = settings or FilterSettings()
     problem = filter_problem(record, system, settings.max_step)
-    first_pass = by(
-        problem if first is None else filter_problem(record, first, settings.max_step), settings
-    )
+    first_problem = problem if first is None else filter_problem(record, first, settings.max_step)
     return iterated_to_convergence(
-        first_pass, lambda smoothed: by(problem, settings, nominal=smoothed.mean), iterations
+        by(first_problem, settings),
+        lambda smoothed: by(problem, settings, nominal=smoothed.mean),
+        iterations,
     )
 
 

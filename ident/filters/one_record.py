@@ -120,10 +120,8 @@ def series_noise(
         if not walks:
             return np.asarray(noise_states)
         noise = np.zeros((*like.shape[:-1], len(density)))
-        noise[..., :r], noise[..., driven[walking]] = (
-            noise_states,
-            weighted[..., :width][..., walking],
-        )
+        noise[..., :r] = noise_states
+        noise[..., driven[walking]] = weighted[..., :width][..., walking]
         return noise
 
     return noise_of
@@ -449,9 +447,7 @@ def _stages(
 
 
 def _input_writer(w: np.ndarray, n: int, rows: Sequence[np.ndarray]) -> Callable[[int], None]:
-    """Return the function that writes the inputs of a step into ``w``, after its first 1 + ``n``
-    entries.
-    """
+    """Return the function that writes the inputs of a step into ``w``, after 1 + ``n`` entries."""
     inputs = w[1 + n :]
     if not len(inputs):
         return lambda s: None

@@ -92,17 +92,8 @@ def filter_problem(record: Record, system: System, max_step: float) -> FilterPro
         value if name in present else 1.0
         for value, name in zip(variance, system.output_names, strict=True)
     ]
-    for name, value in zip(system.output_names, variance, strict=True):
-        if not (math.isfinite(value) and value > 0):
-            raise ModelError(
-                "its measurement noise is not declared",
-                where=f"output {name}",
-                remedy="give its standard deviation",
-            )
+    refuse_undeclared_noise(system, variance)
     free_names = system.parameters.free_names
-    std: list[float] = [prior_std(system, name, state=True) for name in system.state_names] + [
-        prior_std(system, name, state=False) for name in free_names
-    ]
     random_walk = [system.declared_noise.process_density.get(name, 0.0) for name in free_names]
     grid = make_grid(
         record.time, max_step if math.isfinite(max_step) else float(np.diff(record.time).max())
@@ -120,10 +111,28 @@ def filter_problem(record: Record, system: System, max_step: float) -> FilterPro
         [system.parameters.index(name) for name in free_names],
         (*system.state_names, *free_names),
         np.concatenate([system.initial.values(), system.parameters.values(free_names)]),
-        np.diag(np.square(std)),
+        prior_covariance(system),
         np.array([*density_of_states, *random_walk], dtype=float),
         np.array(variance, dtype=float),
     )
+
+
+def refuse_undeclared_noise(system: System, variance: Sequence[float]) -> None:
+    """Raise ModelError where the measurement noise ``variance (m,)`` is not declared."""
+    for name, value in zip(system.output_names, variance, strict=True):
+        if not (math.isfinite(value) and value > 0):
+            raise ModelError(
+                "its measurement noise is not declared",
+                where=f"output {name}",
+                remedy="give its standard deviation",
+            )
+
+
+def prior_covariance(system: System) -> np.ndarray:
+    """Return the prior covariance of the states and free parameters; see `prior_std`."""
+    std = [prior_std(system, name, state=True) for name in system.state_names]
+    std += [prior_std(system, name, state=False) for name in system.parameters.free_names]
+    return np.diag(np.square(std))
 
 
 def with_free(p: Sequence[float], free: Sequence[int], values: Sequence[object]) -> list:
@@ -206,116 +215,6 @@ def breakdown(
     return Outcome.INDEFINITE if covariance.diagonal().min() < 0.0 else None
 
 
-class HistoryKeeper:
-    """History of one pass of a filter, stored sample by sample.
-
-    Where the filter broke down, all later samples get the last finite values, so that a history has
-    finite numbers only.
-    """
-
-    def __init__(self, problem: FilterProblem) -> None:
-        n, m, N = len(problem.names), len(problem.variance), len(problem.time)
-        self._problem = problem
-        self._last = -1
-        self._mean, self._covariance = np.zeros((n, N)), np.zeros((N, n, n))
-        self._predicted_mean, self._predicted_covariance = np.zeros((n, N)), np.zeros((N, n, n))
-        self._transition = np.zeros((N, n, n))
-        self._innovation, self._innovation_covariance = (
-            np.zeros((m, N)),
-            np.tile(np.eye(m), (N, 1, 1)),
-        )
-        self._sensitivity = np.zeros((N, m, n))
-        self._valid = np.zeros((m, N), dtype=bool)
-        self._log_likelihood, self._nis, self._degrees = (
-            np.zeros(N),
-            np.zeros(N),
-            np.zeros(N, dtype=int),
-        )
-        self._outputs = np.zeros((m, N))
-
-    def store_prediction(
-        self, k: int, mean: np.ndarray, covariance: np.ndarray, transition: np.ndarray
-    ) -> None:
-        """Store the prediction before the update at sample ``k``."""
-        self._predicted_mean[:, k], self._predicted_covariance[k], self._transition[k] = (
-            mean,
-            covariance,
-            transition,
-        )
-
-    def transition(self, k: int) -> np.ndarray:
-        """Return the transition stored for sample ``k``."""
-        return self._transition[k]
-
-    def store_outputs(self, k: int, y: np.ndarray) -> None:
-        """Store the predicted outputs ``y (m,)`` at sample ``k``, also of channels without a
-        sample.
-        """
-        self._outputs[:, k] = y
-
-    def store_innovation(
-        self,
-        k: int,
-        rows: np.ndarray,
-        nu: np.ndarray,
-        S: np.ndarray,
-        H: np.ndarray,
-        log_likelihood: float,
-        nis: float,
-    ) -> None:
-        """Store the innovation ``nu`` of the channels ``rows`` at sample ``k``, its covariance
-        ``S``, the output Jacobian ``H``, and its log likelihood and normalised square.
-        """
-        self._innovation[rows, k], self._valid[rows, k], self._sensitivity[k, rows] = nu, True, H
-        self._innovation_covariance[k][np.ix_(rows, rows)] = S
-        self._log_likelihood[k], self._nis[k], self._degrees[k] = log_likelihood, nis, len(rows)
-
-    def store_update(self, k: int, mean: np.ndarray, covariance: np.ndarray) -> None:
-        """Store the mean and covariance after the update at sample ``k``. They must be finite."""
-        self._mean[:, k], self._covariance[k], self._last = mean, covariance, k
-
-    def estimate(self, method: str, outcome: Outcome) -> Estimate:
-        """Return the estimate at the last finite sample, with the history."""
-        problem, last, N = self._problem, self._last, len(self._problem.time)
-        final_mean = self._mean[:, last] if last >= 0 else problem.start
-        final_covariance = self._covariance[last] if last >= 0 else problem.covariance
-        for k in range(last + 1, N):
-            self._mean[:, k] = self._predicted_mean[:, k] = final_mean
-            self._covariance[k] = self._predicted_covariance[k] = final_covariance
-            self._transition[k] = np.eye(len(problem.names))
-            self._valid[:, k], self._innovation[:, k], self._sensitivity[k] = False, 0.0, 0.0
-            self._innovation_covariance[k] = np.eye(len(problem.variance))
-            self._log_likelihood[k] = self._nis[k] = self._degrees[k] = 0
-            self._outputs[:, k] = self._outputs[:, last] if last >= 0 else 0.0
-        history = FilterHistory(
-            problem.time,
-            problem.names,
-            self._mean,
-            np.sqrt(np.maximum(np.diagonal(self._covariance, axis1=1, axis2=2).T, 0.0)),
-            self._innovation,
-            np.sqrt(np.diagonal(self._innovation_covariance, axis1=1, axis2=2).T),
-            self._valid,
-            self._log_likelihood,
-            self._nis,
-            self._degrees,
-            self._predicted_mean,
-            self._predicted_covariance,
-            self._covariance,
-            self._transition,
-            self._sensitivity,
-            self._innovation_covariance,
-        )
-        message = (
-            "" if outcome is Outcome.CONVERGED else f"at {problem.time[min(last + 1, N - 1)]:g} s"
-        )
-        return replace(
-            _estimate(
-                problem, method, outcome, final_mean, final_covariance, self._outputs, history
-            ),
-            message=message,
-        )
-
-
 class FilterBuffers(NamedTuple):
     """Results of one pass, with the samples as the first axis.
 
@@ -345,18 +244,89 @@ def empty_buffers(problem: FilterProblem) -> FilterBuffers:
     uninitialised.
     """
     n, (m, N) = len(problem.names), problem.valid.shape
-    covariance_shape, mean_shape, output_shape = (N, n, n), (N, n), (N, m)
-    transition = np.array(np.broadcast_to(np.eye(n), covariance_shape), order="C")
-    arrays = (
-        np.empty(mean_shape),
-        np.empty(covariance_shape),
-        np.empty(mean_shape),
-        np.empty(covariance_shape),
-        transition,
-        np.empty(output_shape),
-        np.empty((N, m, m)),
-    )
-    return FilterBuffers(*arrays, np.empty((N, m, n)), np.empty(output_shape))
+    shapes = (N, n), (N, n, n), (N, n), (N, n, n), (N, n, n), (N, m), (N, m, m), (N, m, n), (N, m)
+    buffers = FilterBuffers(*map(np.empty, shapes))
+    buffers.transition[:] = np.eye(n)
+    return buffers
+
+
+class HistoryKeeper:
+    """History of one pass of a filter, stored sample by sample.
+
+    Where the filter broke down, all later samples get the last finite values, so that a history has
+    finite numbers only.
+    """
+
+    def __init__(self, problem: FilterProblem) -> None:
+        N, m = len(problem.time), len(problem.variance)
+        self._problem, self._last = problem, -1
+        self._stored = empty_buffers(problem)
+        self._stored.S[:] = np.eye(m)
+        for array in (self._stored.innovation, self._stored.sensitivity, self._stored.outputs):
+            array[:] = 0.0
+        self._valid = np.zeros((m, N), dtype=bool)
+        self._log_likelihood, self._nis = np.zeros(N), np.zeros(N)
+        self._degrees = np.zeros(N, dtype=int)
+
+    def store_prediction(
+        self, k: int, mean: np.ndarray, covariance: np.ndarray, transition: np.ndarray
+    ) -> None:
+        """Store the prediction before the update at sample ``k``."""
+        stored = self._stored
+        stored.predicted_mean[k], stored.predicted_covariance[k] = mean, covariance
+        stored.transition[k] = transition
+
+    def transition(self, k: int) -> np.ndarray:
+        """Return the transition stored for sample ``k``."""
+        return self._stored.transition[k]
+
+    def store_outputs(self, k: int, y: np.ndarray) -> None:
+        """Store the predicted outputs ``y (m,)`` at sample ``k``, also of channels without a
+        sample.
+        """
+        self._stored.outputs[k] = y
+
+    def store_innovation(
+        self,
+        k: int,
+        rows: np.ndarray,
+        nu: np.ndarray,
+        S: np.ndarray,
+        H: np.ndarray,
+        log_likelihood: float,
+        nis: float,
+    ) -> None:
+        """Store the innovation ``nu`` of the channels ``rows`` at sample ``k``, its covariance
+        ``S``, the output Jacobian ``H``, and its log likelihood and normalised square.
+        """
+        self._stored.innovation[k, rows], self._stored.sensitivity[k, rows] = nu, H
+        self._stored.S[k][np.ix_(rows, rows)] = S
+        self._valid[rows, k] = True
+        self._log_likelihood[k], self._nis[k], self._degrees[k] = log_likelihood, nis, len(rows)
+
+    def store_update(self, k: int, mean: np.ndarray, covariance: np.ndarray) -> None:
+        """Store the mean and covariance after the update at sample ``k``. They must be finite."""
+        self._stored.mean[k], self._stored.covariance[k], self._last = mean, covariance, k
+
+    def estimate(self, method: str, outcome: Outcome) -> Estimate:
+        """Return the estimate at the last finite sample, with the history."""
+        problem, last, stored = self._problem, self._last, self._stored
+        mean = stored.mean[last] if last >= 0 else problem.start
+        covariance = stored.covariance[last] if last >= 0 else problem.covariance
+        later = slice(last + 1, None)
+        stored.mean[later] = stored.predicted_mean[later] = mean
+        stored.covariance[later] = stored.predicted_covariance[later] = covariance
+        stored.transition[later], stored.S[later] = np.eye(len(mean)), np.eye(len(self._valid))
+        stored.innovation[later] = stored.sensitivity[later] = 0.0
+        stored.outputs[later] = stored.outputs[last] if last >= 0 else 0.0
+        self._valid[:, later] = False
+        self._log_likelihood[later] = self._nis[later] = self._degrees[later] = 0
+        samples = self._valid, self._log_likelihood, self._nis, self._degrees
+        estimate = estimate_with_history(problem, method, outcome, stored, *samples)
+        if outcome is Outcome.CONVERGED:
+            return estimate
+        broken = problem.time[min(last + 1, len(problem.time) - 1)]
+        return replace(estimate, message=f"at {broken:g} s")
 
 
 def estimate_from_buffers(
@@ -388,14 +358,42 @@ def estimate_from_buffers(
     for P in (buffers.predicted_covariance, buffers.covariance):
         np.add(P, P.transpose(0, 2, 1), out=P)
         np.multiply(P, 0.5, out=P)
+    return estimate_with_history(
+        problem,
+        method,
+        Outcome.CONVERGED,
+        buffers,
+        problem.valid.copy(),
+        log_likelihood,
+        nis,
+        degrees,
+    )
+
+
+def estimate_with_history(
+    problem: FilterProblem,
+    method: str,
+    outcome: Outcome,
+    buffers: FilterBuffers,
+    valid: np.ndarray,
+    log_likelihood: np.ndarray,
+    nis: np.ndarray,
+    degrees: np.ndarray,
+) -> Estimate:
+    """Return the estimate of the free parameters after the last sample of a pass, with its history.
+
+    ``valid (m, N)``, ``log_likelihood``, ``nis`` and ``degrees (N,)`` are those of a
+    `FilterHistory`.
+    """
+    variance, n_x = np.diagonal(buffers.covariance, axis1=1, axis2=2), len(problem.system.states)
     history = FilterHistory(
         problem.time,
         problem.names,
         buffers.mean.T.copy(),
-        np.sqrt(variance.T),
+        np.sqrt(np.maximum(variance.T, 0.0)),
         buffers.innovation.T.copy(),
         np.sqrt(np.diagonal(buffers.S, axis1=1, axis2=2).T),
-        problem.valid.copy(),
+        valid,
         log_likelihood,
         nis,
         degrees,
@@ -406,39 +404,17 @@ def estimate_from_buffers(
         buffers.sensitivity,
         buffers.S,
     )
-    return _estimate(
-        problem,
-        method,
-        Outcome.CONVERGED,
-        buffers.mean[-1],
-        buffers.covariance[-1],
-        buffers.outputs.T.copy(),
-        history,
-    )
-
-
-def _estimate(
-    problem: FilterProblem,
-    method: str,
-    outcome: Outcome,
-    mean: np.ndarray,
-    covariance: np.ndarray,
-    fitted: np.ndarray,
-    history: FilterHistory,
-) -> Estimate:
-    """Return the Estimate of the free parameters from the final mean and covariance."""
-    n_x = len(problem.system.states)
     names = problem.names[n_x:]
     return Estimate(
         method,
         names,
         tuple(problem.system.parameters[name].unit for name in names),
-        mean[n_x:].copy(),
-        covariance[n_x:, n_x:].copy(),
+        buffers.mean[-1, n_x:].copy(),
+        buffers.covariance[-1, n_x:, n_x:].copy(),
         outcome,
-        float(history.log_likelihood.sum()),
+        float(log_likelihood.sum()),
         problem.system.output_names,
         np.sqrt(problem.variance),
-        (fitted,),
+        (buffers.outputs.T.copy(),),
         history,
     )

@@ -244,9 +244,7 @@ def _whitened(history: FilterHistory, variance: np.ndarray) -> tuple[np.ndarray,
 
 
 def _process_noise(history: FilterHistory) -> np.ndarray | None:
-    """Return the process noise Q_k ``(N, n, n)`` that each prediction adds to the covariance; None
-    if all of it is rounding.
-    """
+    """Return the process noise Q_k ``(N, n, n)`` of each prediction; None if all is rounding."""
     Phi, after = history.transition[1:], history.covariance[:-1]
     before = history.predicted_covariance[1:]
     added = before - Phi @ after @ Phi.transpose(0, 2, 1)
@@ -260,9 +258,7 @@ def _process_noise(history: FilterHistory) -> np.ndarray | None:
 
 
 def _lag_one(row: np.ndarray, valid: np.ndarray) -> float:
-    """Return the autocorrelation at lag one of a ``row (N,)``. ``valid (N,)`` is False where a
-    sample is missing.
-    """
+    """Return the autocorrelation at lag one of the ``valid`` samples of a ``row (N,)``."""
     pairs, power = valid[1:] & valid[:-1], float(np.sum(np.square(row[valid])))
     if not power > 0.0:
         return 0.0

@@ -18,18 +18,13 @@ posterior of the whole record. The prior keeps its mean and weight, so that no s
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ident.estimate import Estimate, Outcome, quiet_numerics
-from ident.filters.ekf import (
-    SETTLED_SIGMAS,
-    FilterSettings,
-    change_in_sigmas,
-    iterated_to_convergence,
-)
+from ident.filters.ekf import FilterSettings, iterated_to_convergence, repeated_passes
 from ident.filters.one_record import log_gaussian
 from ident.filters.problem import FilterProblem, HistoryKeeper, breakdown, filter_problem, with_free
 from ident.filters.smoother import SmoothedHistory
@@ -69,19 +64,7 @@ def run_ukf(record: Record, system: System, settings: FilterSettings | None = No
     """
     settings = settings or FilterSettings()
     problem = filter_problem(record, system, settings.max_step)
-    estimate = filter_by_points(problem, settings)
-    n_x = len(system.states)
-    for iteration in range(2, settings.passes + 1):
-        if estimate.outcome is not Outcome.CONVERGED:
-            break
-        start = np.concatenate([problem.start[:n_x], estimate.values])
-        before, estimate = (
-            estimate,
-            replace(filter_by_points(problem, settings, start), iterations=iteration),
-        )
-        if change_in_sigmas(before, estimate) < SETTLED_SIGMAS:
-            break
-    return estimate
+    return repeated_passes(problem, settings, filter_by_points)
 
 
 def square_root(P: np.ndarray) -> np.ndarray:
@@ -110,25 +93,13 @@ def roots(P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return ``square_root(P)`` and its inverse, ``(n, n)`` each. The inverse is zero for entries
     without variance.
     """
-    values, vectors, scale, inverse = _decomposed(P)
-    reciprocal = np.divide(1.0, np.sqrt(values), out=np.zeros_like(values), where=values > 0)
-    root = (vectors * np.sqrt(values)) @ vectors.T * scale
-    return root, inverse[:, None] * ((vectors * reciprocal) @ vectors.T)
-
-
-def _decomposed(P: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the eigenvalues and the eigenvectors of the correlation matrix of ``P``, the standard
-    deviations, and their inverses. Eigenvalues that are rounding, and inverses of zero, are zero.
-    """
     scale = np.sqrt(np.maximum(np.diag(P), 0.0))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
     values, vectors = np.linalg.eigh(P * np.outer(inverse, inverse))
-    return (
-        np.where(values > ROUNDING_EIGENVALUE_SHARE * values[-1], values, 0.0),
-        vectors,
-        scale,
-        inverse,
-    )
+    values = np.where(values > ROUNDING_EIGENVALUE_SHARE * values[-1], values, 0.0)
+    reciprocal = np.divide(1.0, np.sqrt(values), out=np.zeros_like(values), where=values > 0)
+    root = (vectors * np.sqrt(values)) @ vectors.T * scale
+    return root, inverse[:, None] * ((vectors * reciprocal) @ vectors.T)
 
 
 def filter_by_points(
@@ -144,10 +115,8 @@ def filter_by_points(
     ukf = UnscentedKalmanFilter(
         dim_x=n, dim_z=len(problem.variance), dt=0.0, hx=None, fx=None, points=points
     )
-    ukf.x, ukf.P = (
-        (problem.start if start is None else start).astype(float),
-        problem.covariance.copy(),
-    )
+    ukf.x = (problem.start if start is None else start).astype(float)
+    ukf.P = problem.covariance.copy()
     keeper = HistoryKeeper(problem)
     with quiet_numerics():
         for k in range(len(problem.time)):
@@ -171,9 +140,7 @@ def filter_by_points(
 def _predict(
     ukf: Any, problem: FilterProblem, settings: FilterSettings, t: float, u: Any, dt: float
 ) -> np.ndarray:
-    """Move the sigma points over one sub-step, and return its statistical linearisation
-    ``(n, n)``.
-    """
+    """Move the sigma points over one sub-step; return its statistical linearisation ``(n, n)``."""
     from filterpy.kalman import unscented_transform
 
     system, n_x = problem.system, len(problem.system.states)
@@ -187,11 +154,7 @@ def _predict(
         after[:, i] = row
     noise = np.zeros_like(P)
     if np.any(problem.density):
-        F = np.zeros_like(P)
-        F[:n_x] = complex_step_jacobian(
-            lambda a: system.f(t, a[:n_x], u[0], with_free(problem.p, problem.free, a[n_x:])),
-            mean.tolist(),
-        )
+        F = _slopes(problem, mean, t, u[0])
         noise = settings.transition(F, problem.density, dt)[1]
     ukf.x, ukf.P = unscented_transform(after, ukf.Wm, ukf.Wc, noise)
     ukf.P = 0.5 * (ukf.P + ukf.P.T)
@@ -199,9 +162,7 @@ def _predict(
 
 
 def _update(ukf: Any, problem: FilterProblem, k: int, keeper: HistoryKeeper) -> Outcome | None:
-    """Update by filterpy with the channels that have a sample. Return the outcome of a filter that
-    broke down, else None.
-    """
+    """Update by filterpy. Return the outcome of a filter that broke down, else None."""
     n_x, at = len(problem.system.states), problem.grid.sample[k]
     ukf.sigmas_f = ukf.points_fn.sigma_points(ukf.x, ukf.P)
     columns = list(ukf.sigmas_f.T)
@@ -259,31 +220,16 @@ def run_iterated_ukf(
     """Estimate states and free parameters by passes of an unscented filter, each linearised about
     the smoothed result of the pass before, until they converge.
 
-    Parameters
-    ----------
-    record, system, settings : as for ``run_ukf``; ``settings.passes`` is not used.
-    iterations : largest number of passes. They end when no parameter changes by more than a
-        hundredth of its sigma.
-    first : the same model with narrower priors, for the first pass only, whose points cover the
-        prior; None takes ``system``.
-
-    Returns
-    -------
-    Estimate of the last pass. Its outcome is ``MAX_ITERATIONS`` where the passes have not
-    converged. Where a pass broke down, values and sigmas are those of the pass before, and the
-    outcome is that of the broken pass.
-
-    Raises
-    ------
-    ModelError : as for ``run_ekf``.
+    Arguments, results and errors are those of ``run_iterated_ekf``. The points of the first pass
+    cover the priors of ``first``.
     """
     settings = settings or FilterSettings()
     problem = filter_problem(record, system, settings.max_step)
-    first_pass = filter_by_points(
-        problem if first is None else filter_problem(record, first, settings.max_step), settings
-    )
+    first_problem = problem if first is None else filter_problem(record, first, settings.max_step)
     return iterated_to_convergence(
-        first_pass, lambda smoothed: _filter_about(problem, settings, smoothed), iterations
+        filter_by_points(first_problem, settings),
+        lambda smoothed: _filter_about(problem, settings, smoothed),
+        iterations,
     )
 
 
@@ -326,9 +272,7 @@ def _sigma_points(nominal: SmoothedHistory, k: int, fallback_std: np.ndarray) ->
 def _filter_about(
     problem: FilterProblem, settings: FilterSettings, nominal: SmoothedHistory
 ) -> Estimate:
-    """Return the estimate of one pass of the Kalman filter, linearised statistically over the
-    smoothed result ``nominal``.
-    """
+    """Return the estimate of one pass, linearised statistically over the result ``nominal``."""
     keeper, grid = HistoryKeeper(problem), problem.grid
     x, P = problem.start.astype(float), problem.covariance.copy()
     fallback_std = np.sqrt(np.maximum(np.diagonal(nominal.covariance[-1]), 0.0))

@@ -111,8 +111,8 @@ def attitude_bandwidth(target: ResponseTarget, *, rate: bool) -> Bandwidth:
     if neutral is None:
         notes.append(f"no gain bandwidth and phase delay: no phase of -180 deg; {band}")
         return Bandwidth(neutral, phase, gain, delay, tuple(notes))
-    level, slope, spread = _line(curve, curve.gain, curve.gain_std, neutral.value)
-    level_std = math.hypot(spread, slope * neutral.std / neutral.value)
+    there = parabola_at(curve, curve.gain, curve.gain_std, neutral.value)
+    level, level_std = there.value, math.hypot(there.std, there.slope * neutral.std / neutral.value)
     gain = _crossing(
         curve, curve.gain, curve.gain_std, level + GAIN_MARGIN, level_std, before=neutral.value
     )
@@ -176,28 +176,34 @@ def dropback(function: FittedResponse) -> BandwidthQuantity | None:
     if function.form is not FORMS["pitch"]:
         return None
 
-    def value(p: dict[str, float]) -> float:
+    def value(p: Mapping[str, float]) -> float:
         return 1.0 / p["inv_T_theta2"] - 2.0 * p["damping"] / p["frequency"] - p[DELAY]
 
-    return _propagated(function, value)
+    if not all(abs(function.values[name]) > 1e-9 for name in ("inv_T_theta2", "frequency")):
+        return None
+    result = propagated(function, value)
+    return None if result is None else BandwidthQuantity(*result)
 
 
-def _propagated(
-    function: FittedResponse, value: Callable[[dict[str, float]], float]
-) -> BandwidthQuantity | None:
-    """Return a function of the parameters of a fit with its standard deviation; None if 1/T_theta2
-    or the frequency is zero.
+def propagated(
+    function: FittedResponse, value: Callable[[Mapping[str, float]], float]
+) -> tuple[float, float] | None:
+    """Return a quantity of the parameters of a fit with its standard deviation by linearisation;
+    None if not finite.
     """
     p = dict(function.values)
-    if not all(abs(p[name]) > 1e-9 for name in ("inv_T_theta2", "frequency")):
-        return None
     slopes = []
-    for name in function.std:
-        step = 1e-6 * max(abs(p[name]), 1e-3)
-        both = [value({**p, name: p[name] + sign * step}) for sign in (1.0, -1.0)]
-        slopes.append((both[0] - both[1]) / (2.0 * step))
+    try:
+        centre = value(p)
+        for name in function.std:
+            step = 1e-6 * max(abs(p[name]), 1e-3)
+            ends = [value({**p, name: p[name] + sign * step}) for sign in (1.0, -1.0)]
+            slopes.append((ends[0] - ends[1]) / (2.0 * step))
+    except ZeroDivisionError:
+        return None
     row = np.array(slopes)
-    return BandwidthQuantity(value(p), math.sqrt(max(float(row @ function.covariance @ row), 0.0)))
+    std = math.sqrt(max(float(row @ function.covariance @ row), 0.0))
+    return (centre, std) if math.isfinite(centre) and math.isfinite(std) else None
 
 
 def attitude_curve(target: ResponseTarget, *, rate: bool) -> AttitudeCurve:
@@ -236,24 +242,15 @@ def _crossing(
         return None
     at = float(curve.omega[below[0]])
     for _ in range(4):
-        value, slope, _ = _line(curve, values, std, at)
-        if not slope < 0.0:
+        near = parabola_at(curve, values, std, at)
+        if not near.slope < 0.0:
             break
-        at = float(np.clip(at * math.exp((level - value) / slope), curve.omega[0], curve.omega[-1]))
-    value, slope, spread = _line(curve, values, std, at)
-    if not slope < 0.0:
+        step = math.exp((level - near.value) / near.slope)
+        at = float(np.clip(at * step, curve.omega[0], curve.omega[-1]))
+    near = parabola_at(curve, values, std, at)
+    if not near.slope < 0.0:
         return None
-    return BandwidthQuantity(at, at * math.hypot(spread, level_std) / abs(slope))
-
-
-def _line(
-    curve: AttitudeCurve, values: np.ndarray, std: np.ndarray, at: float
-) -> tuple[float, float, float]:
-    """Return the value of a curve at the frequency ``at``, its derivative with respect to
-    ln(omega), and the standard deviation of the value, from `parabola_at`.
-    """
-    result = parabola_at(curve, values, std, at)
-    return result.value, result.slope, result.std
+    return BandwidthQuantity(at, at * math.hypot(near.std, level_std) / abs(near.slope))
 
 
 @dataclass(frozen=True)
@@ -421,10 +418,8 @@ def neal_smith(curve: AttitudeCurve, demand: PilotDemand) -> NealSmith | str:
     notes = []
     if droop < LARGEST_DROOP - 0.05:
         notes.append(f"the closed loop droops by {-droop:.2g} dB, more than the 3 dB allowed")
-    edge = int(
-        np.argmax(_closed_loop_gain(omega, centre[None], demand, np.array([compensation]))[0])
-    )
-    if edge == omega.size - 1:
+    closed = _closed_loop_gain(omega, centre[None], demand, np.array([compensation]))
+    if int(np.argmax(closed[0])) == omega.size - 1:
         notes.append("the resonance lies at the end of the usable band and may be larger")
     return NealSmith(
         demand,
@@ -487,9 +482,7 @@ def _closed_loop_gain(
 def _adjusted_pilots(
     omega: np.ndarray, attitude: np.ndarray, demand: PilotDemand
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Return resonance, compensation and droop, ``(D,)`` each, of the pilots adjusted to D
-    responses ``attitude (D, F)``; None if no compensation gives the bandwidth for the first one.
-    """
+    """Return resonance, compensation and droop, ``(D,)``, of pilots adjusted to D responses."""
     below = omega <= demand.bandwidth * (1.0 + 1e-9)
     tried = np.linspace(-_LARGEST_COMPENSATION, _LARGEST_COMPENSATION, _COMPENSATION_POINTS)
     # The droop of every compensation on a grid.
@@ -577,9 +570,7 @@ def pitch_overshoot(function: FittedResponse) -> BandwidthQuantity | None:
 def _standard_deviations(
     function: FittedResponse, value: Callable[[Mapping[str, float]], np.ndarray]
 ) -> np.ndarray:
-    """Return the standard deviations ``(N,)`` of the quantities ``value``, from the covariance of
-    the parameters of a fitted transfer function.
-    """
+    """Return the standard deviations ``(N,)`` of the quantities ``value`` of a fitted function."""
     p, slopes = dict(function.values), []
     for name in function.std:
         step = 1e-5 * max(abs(p[name]), 1e-3)

@@ -1,31 +1,45 @@
-"""Levels of flying qualities of the short period of an estimated low-order equivalent system.
+"""Levels of flying qualities, with their probabilities. The limits are in
+``handling_qualities.toml``.
 
-With the derivatives of the low-order equivalent system (docs/nomenclature.md), airspeed V and
-gravity g, w^2 = L_alpha M_q - L_q M_alpha and 2 zeta w = -(L_alpha + M_q). The steady state at a
-constant stick and speed gives
+Short period. With the derivatives of the low-order equivalent system (docs/nomenclature.md),
+airspeed V and gravity g, w^2 = L_alpha M_q - L_q M_alpha and 2 zeta w = -(L_alpha + M_q). The
+steady state at a constant stick and speed gives
 
     n/alpha = (V/g) (-L_alpha + L_delta M_alpha/M_delta) / (L_q - L_delta M_q/M_delta),
 
 which is -(V/g) L_alpha for L_delta = 0 and L_q = 1. The control anticipation parameter is CAP =
-w^2 / (n/alpha) (Bihrle, AFFDL-TR-65-198, 1966). The limits of the levels are in
-``handling_qualities.toml``.
+w^2 / (n/alpha) (Bihrle, AFFDL-TR-65-198, 1966).
+
+Modes of a model. Each random sample of the characteristics of the modes, from their Gaussian
+distribution, is converted to damping ratios, frequencies and times, and compared with all limits of
+a mode together. The probability of a level is the share of the samples that reach it.
+
+Low-order forms fitted to frequency responses: the short period, the roll mode and the Dutch roll.
+For the form ``pitch`` at constant speed, n/alpha = V / (g T_theta2) (MIL-STD-1797A, 4.2.1.2).
 """
 
 from __future__ import annotations
 
+import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from itertools import pairwise
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from ident.estimate import Estimate
-from sim.errors import ModelError
-from sim.maths import COMPLEX_STEP
+from ident.flying_qualities.attitude_criteria import propagated
+from ident.flying_qualities.modes import Characteristics
+from ident.frequency_response.transfer_function import DELAY, FittedResponse
+from sim.errors import DeclarationError, ModelError
+from sim.maths import COMPLEX_STEP, G0
+
+# ---- Levels of the short period of an estimated low-order equivalent system
 
 UNITS = {
     "natural_frequency": "rad/s",
@@ -34,6 +48,10 @@ UNITS = {
     "total_delay": "s",
     "load_factor_slope": "g/rad",
     "control_anticipation": "1/(g s2)",
+    "roll_time_constant": "s",
+    "dutch_roll_frequency": "rad/s",
+    "dutch_roll_damping": "1",
+    "dutch_roll_damping_rate": "rad/s",
 }
 CLASSES = ("I", "II-C", "II-L", "III", "IV")
 CATEGORIES = ("A", "B", "C")
@@ -151,6 +169,11 @@ def criteria(aircraft_class: str = "IV") -> tuple[LevelCriterion, ...]:
     return tuple(criterion for criterion in _all_criteria() if aircraft_class in criterion.classes)
 
 
+def _criteria_of(aircraft_class: str, category: str) -> list[LevelCriterion]:
+    """Return the criteria for a class and a category, with those that hold for all categories."""
+    return [each for each in criteria(aircraft_class) if each.category in (category, "all")]
+
+
 @cache
 def _all_criteria() -> tuple[LevelCriterion, ...]:
     """Return the criteria of ``handling_qualities.toml`` for all classes."""
@@ -183,10 +206,8 @@ def levels(
         if criterion.quantity not in by_name:
             continue
         quality = by_name[criterion.quantity]
-        low, high = (
-            quality.value - INTERVAL_SIGMAS * quality.std,
-            quality.value + INTERVAL_SIGMAS * quality.std,
-        )
+        reach = INTERVAL_SIGMAS * quality.std
+        low, high = quality.value - reach, quality.value + reach
         if quality.unit == "s":  # a delay or a time constant is not negative
             low = max(low, min(0.0, quality.value))
         edges = [edge for pair in criterion.levels for edge in pair if low < edge < high]
@@ -231,3 +252,324 @@ def _evaluate(p: Mapping[str, Any], airspeed: float, gravity: float) -> dict[str
     if np.real(stiffness) > 0 and np.real(slope) > 0:
         out["control_anticipation"] = stiffness / slope
     return out
+
+
+# ---- Levels of the modes of a model
+
+STANDARD = "MIL-F-8785C"
+# smallest probability of a level that is reported without its neighbours (two sigmas)
+DETERMINED_PROBABILITY = 0.95
+LEVEL_DRAWS = 20000  # the standard error of a probability is then at most 0.35 %
+WORST_LEVEL = 4  # number for "none of the three levels is met"
+# (rad/s)^2: a Dutch roll with a larger frequency^2 |phi/beta| needs more damping
+STEADY_COUPLING = 20.0
+# quantities that have limits, by mode
+MODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "short period": (
+            "damping_ratio",
+            "natural_frequency",
+            "control_anticipation",
+            "load_factor_slope",
+        ),
+        "phugoid": ("phugoid_damping", "phugoid_time_to_double"),
+        "Dutch roll": ("dutch_roll_damping", "dutch_roll_damping_rate", "dutch_roll_frequency"),
+        "roll mode": ("roll_time_constant",),
+        "spiral": ("spiral_time_to_double",),
+        "roll-spiral oscillation": ("roll_spiral_damping_rate",),
+        "delay": ("delay",),
+    }
+)
+
+
+@dataclass(frozen=True)
+class FlightPhase:
+    """Aircraft class and flight-phase category.
+
+    Attributes
+    ----------
+    aircraft_class : one of ``CLASSES``.
+    category : one of ``CATEGORIES``.
+    assumed : which of ``"class"`` and ``"category"`` are not declared but assumed.
+    uncrewed_mass : mass, kg, of an aircraft that has no declared class and is too light for a crew;
+        it has no levels. None for other aircraft.
+    """
+
+    aircraft_class: str = "II-L"
+    category: str = "B"
+    assumed: tuple[str, ...] = ("class", "category")
+    uncrewed_mass: float | None = None
+
+
+@dataclass(frozen=True)
+class ModeLevel:
+    """The level of one mode.
+
+    Attributes
+    ----------
+    mode : one of ``MODES``.
+    level : most probable level, or ``WORST_LEVEL`` if that is none of the three.
+    probabilities : probabilities of levels 1, 2 and 3, and of none of them.
+    decided_by : name of the quantity that prevents the next better level at the estimate; empty at
+        level 1.
+    value, limit : estimate of this quantity, and its limit for the next better level.
+    sources : paragraphs of the standard.
+    """
+
+    mode: str
+    level: int
+    probabilities: tuple[float, ...]
+    decided_by: str
+    value: float
+    limit: float
+    sources: tuple[str, ...]
+
+    @property
+    def probability(self) -> float:
+        """Probability of the most probable level."""
+        return self.probabilities[self.level - 1]
+
+    @property
+    def determined(self) -> bool:
+        """Whether the most probable level has at least ``DETERMINED_PROBABILITY``."""
+        return self.probability >= DETERMINED_PROBABILITY
+
+
+LIGHTEST_CREWED = 100.0  # kg: a lighter aircraft carries no pilot
+
+
+def flight_phase_of(
+    aircraft_class: str | None, category: str | None, mass: float | None = None
+) -> FlightPhase:
+    """Return the flight phase with a declared class and category; None assumes the default.
+
+    Class II means II-L, land-based. ``mass`` is in kg, None if it is not known: an aircraft without
+    a declared class that is too light for a crew has no levels. Raises DeclarationError for an
+    unknown class or category.
+    """
+    assumed = tuple(
+        name for name, given in (("class", aircraft_class), ("category", category)) if given is None
+    )
+    default = FlightPhase()
+    chosen = default.aircraft_class if aircraft_class is None else aircraft_class.strip().upper()
+    chosen = "II-L" if chosen == "II" else chosen
+    phase = default.category if category is None else category.strip().upper()
+    if chosen not in CLASSES:
+        raise DeclarationError(
+            f"there is no class {aircraft_class!r}",
+            where="--class",
+            remedy="use I, II, III or IV, or II-C from a carrier",
+        )
+    if phase not in CATEGORIES:
+        raise DeclarationError(
+            f"there is no category {category!r}",
+            where="--category",
+            remedy="use A rapid, B gradual or C terminal",
+        )
+    light = aircraft_class is None and mass is not None and mass < LIGHTEST_CREWED
+    return FlightPhase(chosen, phase, assumed, mass if light else None)
+
+
+def mode_levels(characteristics: Characteristics, flown: FlightPhase) -> tuple[ModeLevel, ...]:
+    """Return the level of each mode of a model, in the order of ``MODES``; empty for an uncrewed
+    aircraft.
+
+    The random samples of the characteristics are the same in every call.
+    """
+    if flown.uncrewed_mass is not None:
+        return ()
+    rules = _criteria_of(flown.aircraft_class, flown.category)
+    centre = _quantities(characteristics.names, characteristics.values[:, None])
+    sampled = _quantities(characteristics.names, _draws(characteristics))
+    out = []
+    for mode, names in MODES.items():
+        mode_rules = [rule for rule in rules if rule.quantity in names and rule.quantity in sampled]
+        if mode_rules:
+            out.append(_level(mode, mode_rules, centre, sampled))
+    return tuple(out)
+
+
+def _level(
+    mode: str,
+    rules: Sequence[LevelCriterion],
+    centre: Mapping[str, np.ndarray],
+    sampled: Mapping[str, np.ndarray],
+) -> ModeLevel:
+    """Return the level of a mode by its criteria, for the estimate ``centre`` and all samples."""
+    reached = np.max([_reached(rule, sampled) for rule in rules], axis=0)
+    shares = tuple(float(np.mean(reached == number)) for number in range(1, WORST_LEVEL + 1))
+    level = int(np.argmax(shares)) + 1
+    worst = max(rules, key=lambda rule: int(_reached(rule, centre)[0]))
+    decided, value, limit = "", 0.0, 0.0
+    at = int(_reached(worst, centre)[0])
+    if at > 1:
+        decided, value = worst.quantity, float(centre[worst.quantity][0])
+        low, high = (float(np.broadcast_to(edge, 1)[0]) for edge in _range(worst, at - 1, centre))
+        limit = low if value < low else high
+    return ModeLevel(
+        mode,
+        level,
+        shares,
+        decided,
+        value,
+        limit,
+        tuple(dict.fromkeys(rule.source for rule in rules)),
+    )
+
+
+def _reached(rule: LevelCriterion, quantities: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the best level ``(N,)`` that each random sample reaches in one criterion."""
+    value = quantities[rule.quantity]
+    reached = np.full(value.shape, WORST_LEVEL)
+    for number in range(len(rule.levels), 0, -1):
+        low, high = _range(rule, number, quantities)
+        reached[(value >= low) & (value <= high)] = number
+    return reached
+
+
+def _range(
+    rule: LevelCriterion, number: int, quantities: Mapping[str, np.ndarray]
+) -> tuple[np.ndarray | float, float]:
+    """Return the range of a level, with the raised lower end of a Dutch roll ``(N,)``."""
+    low, high = rule.levels[number - 1]
+    if not rule.raised_by:
+        return low, high
+    excess = quantities["dutch_roll_frequency"] ** 2 * quantities["bank_ratio"] - STEADY_COUPLING
+    return low + rule.raised_by[number - 1] * np.maximum(excess, 0.0), high
+
+
+def _draws(characteristics: Characteristics) -> np.ndarray:
+    """Return antithetic Gaussian samples ``(k, LEVEL_DRAWS)``, the same in every call."""
+    scale = np.sqrt(np.maximum(np.diag(characteristics.covariance), 0.0))
+    inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
+    values, vectors = np.linalg.eigh(characteristics.covariance * np.outer(inverse, inverse))
+    root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    half = root @ np.random.default_rng(0).standard_normal((len(scale), LEVEL_DRAWS // 2))
+    return characteristics.values[:, None] + np.concatenate([half, -half], axis=1)
+
+
+def _quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray]:
+    """Return quantity -> ``(N,)`` from N samples ``draws (k, N)`` of characteristics ``names``."""
+    values = dict(zip(names, draws, strict=True))
+    out: dict[str, np.ndarray] = {}
+    for mode, prefix in (
+        ("short_period", ""),
+        ("phugoid", "phugoid_"),
+        ("dutch_roll", "dutch_roll_"),
+        ("roll_spiral", "roll_spiral_"),
+    ):
+        if f"{mode}_rate" in values:
+            out |= {
+                f"{prefix}{name}": value
+                for name, value in _quantities_of_pair(
+                    values[f"{mode}_rate"], values[f"{mode}_stiffness"]
+                ).items()
+            }
+    if "natural_frequency" in out and "load_factor_slope" in values:
+        slope = values["load_factor_slope"]
+        out["load_factor_slope"] = slope
+        out["control_anticipation"] = np.divide(
+            out["natural_frequency"] ** 2,
+            slope,
+            out=np.full_like(slope, -math.inf),
+            where=slope > 0,
+        )
+    if "roll_root" in values:
+        root = values["roll_root"]
+        out["roll_time_constant"] = np.divide(
+            -1.0, root, out=np.full_like(root, math.inf), where=root < 0
+        )
+        out["spiral_time_to_double"] = _doubling(values["spiral_root"])
+    if "delay" in values:
+        out["delay"] = np.maximum(values["delay"], 0.0)  # no delay is negative
+    return out | {name: values[name] for name in ("bank_ratio",) if name in values}
+
+
+def _quantities_of_pair(rate: np.ndarray, stiffness: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the quantities of the roots of s^2 + rate s + stiffness. Real roots of opposite sign
+    have the frequency zero and negative damping.
+    """
+    frequency = np.sqrt(np.maximum(stiffness, 0.0))
+    damping = np.divide(
+        0.5 * rate, frequency, out=np.full_like(rate, -math.inf), where=frequency > 0
+    )
+    growth = -0.5 * rate + np.sqrt(np.maximum(0.25 * rate**2 - stiffness, 0.0))
+    damped = np.where(stiffness > 0, 0.5 * rate, -growth)
+    return {
+        "natural_frequency": frequency,  # names of the short period
+        "damping_ratio": damping,
+        "frequency": frequency,
+        "damping": damping,
+        "damping_rate": damped,
+        "time_to_double": _doubling(growth),
+    }
+
+
+def _doubling(growth: np.ndarray) -> np.ndarray:
+    """Return the times to double, s, for growth rates, 1/s; infinite without growth."""
+    return np.divide(math.log(2.0), growth, out=np.full_like(growth, math.inf), where=growth > 0)
+
+
+# ---- Levels of low-order forms fitted to frequency responses
+
+Values = Mapping[str, float]
+
+
+def form_qualities(
+    function: FittedResponse, airspeed: float | None = None, *, dutch_roll: bool = True
+) -> tuple[Quality, ...]:
+    """Return the flying-qualities parameters of a fitted low-order form, with standard deviations
+    by linearisation; none for a transfer function that is given by its orders.
+
+    Parameters
+    ----------
+    airspeed : m/s, for n/alpha and CAP of the form ``pitch``; None leaves them out.
+    dutch_roll : whether the form ``dutch-roll`` describes a Dutch roll, and not an angle of attack.
+    """
+    out = []
+    for name, value in _quantities_of_form(
+        function.form.name, airspeed, dutch_roll=dutch_roll
+    ).items():
+        result = propagated(function, value)
+        if result is not None:
+            out.append(Quality(name, *result, UNITS[name]))
+    return tuple(out)
+
+
+def form_levels(
+    quality_values: tuple[Quality, ...], aircraft_class: str, category: str
+) -> tuple[QualityLevel, ...]:
+    """Return the levels of parameters for an aircraft class and a flight-phase category."""
+    return levels(quality_values, _criteria_of(aircraft_class, category))
+
+
+def _quantities_of_form(
+    form: str, airspeed: float | None, *, dutch_roll: bool
+) -> dict[str, Callable[[Values], float]]:
+    """Return quantity -> function that returns it for the parameters of a form."""
+    delay: dict[str, Callable[[Values], float]] = {"total_delay": lambda p: p[DELAY]}
+    dutch: dict[str, Callable[[Values], float]] = {
+        "dutch_roll_frequency": lambda p: p["frequency"],
+        "dutch_roll_damping": lambda p: p["damping"],
+        "dutch_roll_damping_rate": lambda p: p["damping"] * p["frequency"],
+    }
+    roll: dict[str, Callable[[Values], float]] = {
+        "roll_time_constant": lambda p: 1.0 / p["inv_T_roll"]
+    }
+    if form == "pitch":
+        out: dict[str, Callable[[Values], float]] = {
+            "natural_frequency": lambda p: p["frequency"],
+            "damping_ratio": lambda p: p["damping"],
+        }
+        if airspeed is not None:
+            inverse_time = G0 / airspeed  # 1/s, g/V
+            out["load_factor_slope"] = lambda p: p["inv_T_theta2"] / inverse_time
+            out["control_anticipation"] = lambda p: (
+                p["frequency"] ** 2 * inverse_time / p["inv_T_theta2"]
+            )
+        return {**out, **delay}
+    if form == "roll":
+        return {**roll, **delay}
+    if form == "roll-and-dutch-roll":
+        return {**roll, **dutch, **delay}
+    return {**dutch, **delay} if form == "dutch-roll" and dutch_roll else {}

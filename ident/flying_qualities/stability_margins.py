@@ -80,18 +80,14 @@ class StabilityMargins:
     @property
     def gain_increase(self) -> Margin | None:
         """Smallest increase of the gain that makes the loop unstable."""
-        return min(
-            (each for each in self.gains if each.size.value > 0.0), key=_absolute_size, default=None
-        )
+        increases = [each for each in self.gains if each.size.value > 0.0]
+        return min(increases, key=_absolute_size, default=None)
 
     @property
     def gain_decrease(self) -> Margin | None:
         """Smallest decrease of the gain that makes the loop unstable; its size is negative."""
-        return min(
-            (each for each in self.gains if each.size.value <= 0.0),
-            key=_absolute_size,
-            default=None,
-        )
+        decreases = [each for each in self.gains if each.size.value <= 0.0]
+        return min(decreases, key=_absolute_size, default=None)
 
     @property
     def phase(self) -> Margin | None:
@@ -222,9 +218,8 @@ def _crossings(
             near = parabola_at(curve, values, std, at)
             if near.slope == 0.0:
                 break
-            step = float(
-                np.clip(-near.value / near.slope, -PARABOLA_HALF_WIDTH, PARABOLA_HALF_WIDTH)
-            )
+            most = PARABOLA_HALF_WIDTH
+            step = float(np.clip(-near.value / near.slope, -most, most))
             at = float(np.clip(at * math.exp(step), low, high))
         near = parabola_at(curve, values, std, at)
         if near.slope == 0.0 or abs(near.value) > near.std:
@@ -237,15 +232,9 @@ def _crossings(
 def _determined(
     crossings: list[tuple[float, float, float]],
 ) -> tuple[list[tuple[float, float, float]], list[float]]:
-    """Return the crossings whose frequency is known to within the half width of the parabola, and
-    the frequencies of the others.
-    """
-    determined = [
-        (at, slope, std) for at, slope, std in crossings if std <= PARABOLA_HALF_WIDTH * abs(slope)
-    ]
-    return determined, [
-        at for at, slope, std in crossings if std > PARABOLA_HALF_WIDTH * abs(slope)
-    ]
+    """Return the crossings known to half the parabola's width, and the other frequencies."""
+    determined = [each for each in crossings if each[2] <= PARABOLA_HALF_WIDTH * abs(each[1])]
+    return determined, [each[0] for each in crossings if each not in determined]
 
 
 def _margin_at_crossing(curve: LoopCurve, kind: str, at: float, slope: float, std: float) -> Margin:
@@ -335,13 +324,8 @@ def _least_distance(target: ResponseTarget) -> Margin | None:
         near = _critical_distance(target, at)
         if not near.curvature > 0.0:
             break
-        move = float(
-            np.clip(
-                -near.slope / near.curvature,
-                -0.25 * PARABOLA_HALF_WIDTH,
-                0.25 * PARABOLA_HALF_WIDTH,
-            )
-        )
+        most = 0.25 * PARABOLA_HALF_WIDTH
+        move = float(np.clip(-near.slope / near.curvature, -most, most))
         at = float(np.clip(at * math.exp(move), first, last))
     if (
         abs(math.log(at / start)) > PARABOLA_HALF_WIDTH
@@ -350,11 +334,8 @@ def _least_distance(target: ResponseTarget) -> Margin | None:
         at = start  # Newton's method has left the minimum
     middle = _critical_distance(target, at)
     limit, std = float(chi2.ppf(CONFIDENCE, 1)), math.sqrt(middle.variance)
-    low, high, open_ = (
-        middle.value - NORMAL_HALF_WIDTH * std,
-        middle.value + NORMAL_HALF_WIDTH * std,
-        False,
-    )
+    reach, open_ = NORMAL_HALF_WIDTH * std, False
+    low, high = middle.value - reach, middle.value + reach
     spread = math.sqrt(middle.slope_variance) / max(middle.curvature, 1e-12)
     step = min(_LARGEST_SCAN_STEP, max(_SCAN_STEP_SHARE * spread, 1e-4))
     for direction in (-step, step):

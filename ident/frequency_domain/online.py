@@ -112,6 +112,11 @@ class Sums:
     recent: np.ndarray
     first: float = 0.0
 
+    def with_copied_transforms(self) -> Sums:
+        """Return the sums with copies of the transforms, which may be changed in place."""
+        names = ("known_side", "regressors", "constant")
+        return replace(self, **{name: getattr(self, name).copy() for name in names})
+
     @property
     def noise_variance(self) -> np.ndarray:
         """Variance of the noise of a sample of each state and reading, ``(n + m,)``."""
@@ -282,15 +287,8 @@ def advance(
         step_inputs = np.array([u[:, :-1], middle, u[:, 1:]])
     points = LinearParts(equations, values)
     out = _with_steps(equations, sums, points, times, states, step_inputs)
-    out = _with_readings(
-        equations,
-        out,
-        points,
-        time[complete],
-        x[:, complete],
-        inputs[:, complete],
-        outputs[:, complete],
-    )
+    at_rows = (rows[:, complete] for rows in (x, inputs, outputs))
+    out = _with_readings(equations, out, points, time[complete], *at_rows)
     new_samples = np.concatenate([x, outputs[list(equations.readings)]])[:, complete]
     out = _with_noise(equations, out, points, times, states, u, new_samples)
     kept = np.concatenate([sums.recent, new_samples], axis=1)[:, -3:]
@@ -403,12 +401,7 @@ def _with_steps(
     spacing = equations.omega[1] - equations.omega[0]
     f_count = equations.omega.size
     e = len(rows)
-    out = replace(
-        sums,
-        known_side=sums.known_side.copy(),
-        regressors=sums.regressors.copy(),
-        constant=sums.constant.copy(),
-    )
+    out = sums.with_copied_transforms()
     out.known_side[:e] += (last - first - known)[rows] @ phasors
     out.regressors[:e] += slopes[rows] @ phasors
     out.constant[:e] += step @ phasors
@@ -433,12 +426,7 @@ def _with_readings(
         return sums
     known, slopes = points.split(equations.system.h, time, x, u)
     phasors = np.exp(-1j * np.outer(time, equations.omega))
-    out = replace(
-        sums,
-        known_side=sums.known_side.copy(),
-        regressors=sums.regressors.copy(),
-        constant=sums.constant.copy(),
-    )
+    out = sums.with_copied_transforms()
     for row, k in enumerate(equations.readings, start=len(equations.states)):
         complete = np.isfinite(outputs[k])
         out.known_side[row] += (outputs[k] - known[k])[complete] @ phasors[complete]
@@ -465,12 +453,9 @@ def _with_noise(
     for k, row in enumerate(third):
         finite = row[np.isfinite(row)]
         if finite.size and (k >= len(equations.sources) or equations.sources[k] >= 0):
-            noise[k] += (
-                finite.size
-                * SIGMA_PER_MEDIAN_DEVIATION
-                * float(np.median(np.abs(finite)))
-                / math.sqrt(_THIRD_DIFFERENCE_VARIANCE)
-            )
+            deviation = float(np.median(np.abs(finite)))
+            size = finite.size * SIGMA_PER_MEDIAN_DEVIATION
+            noise[k] += size * deviation / math.sqrt(_THIRD_DIFFERENCE_VARIANCE)
             noise_counts[k] += finite.size
     system, n = equations.system, len(equations.system.states)
     at, x, u = times[-1:], states[:, -1:], inputs[:, -1:]
@@ -513,17 +498,13 @@ def _refuse_nonlinear(
     base = evaluated(p)
     for name, position in zip(equations.names, equations.positions, strict=True):
         size = 0.1 * max(abs(p[position]), 1e-3)
-        both_sides = []
-        for sign in (1.0, -1.0):
-            varied = list(p)
-            varied[position] = p[position] + sign * size
-            both_sides.append(evaluated(varied))
-        above, below = both_sides
-        nonlinearity = np.abs(above + below - 2.0 * base)
-        tolerance = (
-            NONLINEARITY_TOLERANCE * np.maximum(np.abs(above - below), np.abs(base)) + 1e-300
+        above, below = (
+            evaluated([*p[:position], p[position] + change, *p[position + 1 :]])
+            for change in (size, -size)
         )
-        if np.any(nonlinearity > tolerance):
+        nonlinearity = np.abs(above + below - 2.0 * base)
+        largest = np.maximum(np.abs(above - below), np.abs(base))
+        if np.any(nonlinearity > NONLINEARITY_TOLERANCE * largest + 1e-300):
             what = f"the equations are not linear in {name}"
             raise ModelError(
                 what, where="equation error on line", remedy=f"fix {name}, or use flightid identify"

@@ -95,9 +95,8 @@ def default_band(
         for row in power:
             if row[1:].sum() > 0.0:
                 share = np.cumsum(row[1:]) / row[1:].sum()
-                high = max(
-                    high, (1 + int(np.searchsorted(share, BAND_POWER_SHARE))) / (len(record) * step)
-                )
+                last = 1 + int(np.searchsorted(share, BAND_POWER_SHARE))
+                high = max(high, last / (len(record) * step))
         steps.append(step)
         spans.append(len(record) * step)
     low = 1.0 / max(spans)
@@ -215,16 +214,8 @@ def linear_model(system: System, p: np.ndarray, free: Sequence[int]) -> LinearMo
     F, H = (each[:, 1:] - each[:, :1] for each in (rates, readings))
     dF, dH = ((each.imag / COMPLEX_STEP).transpose(2, 0, 1)[: len(free)] for each in (F, H))
     F, H = F[:, :, 0].real, H[:, :, 0].real
-    return LinearModel(
-        F[:, :n],
-        F[:, n:],
-        H[:, :n],
-        H[:, n:],
-        dF[:, :, :n],
-        dF[:, :, n:],
-        dH[:, :, :n],
-        dH[:, :, n:],
-    )
+    values = F[:, :n], F[:, n:], H[:, :n], H[:, n:]
+    return LinearModel(*values, dF[:, :, :n], dF[:, :, n:], dH[:, :, :n], dH[:, :, n:])
 
 
 def first_nonlinear(system: System, records: Sequence[Record]) -> str:
@@ -241,18 +232,13 @@ def first_nonlinear(system: System, records: Sequence[Record]) -> str:
     )
     times = np.concatenate([np.zeros(1), *(record.time for record in records)])
     # Points on sines without a common period, so that they cover all dimensions; and at rest.
-    points = [
-        *(
-            sizes * np.sin(1.0 + np.arange(len(sizes)) * (k + 1.0) + 0.7 * k)
-            for k in range(_TRIAL_POINTS)
-        ),
-        0.0 * sizes,
-    ]
+    at = np.arange(len(sizes))
+    points = [sizes * np.sin(1.0 + at * (k + 1.0) + 0.7 * k) for k in range(_TRIAL_POINTS)]
+    points.append(0.0 * sizes)
     with np.errstate(all="ignore"):
         start = _values(system, points[-1], p, np.zeros(1))
-        tolerance = NONLINEARITY_TOLERANCE * np.maximum(
-            np.max(np.abs(matrix * sizes), axis=1), 1e-300
-        ) + 1e-12 * np.abs(start[:, 0])
+        largest = np.maximum(np.max(np.abs(matrix * sizes), axis=1), 1e-300)
+        tolerance = NONLINEARITY_TOLERANCE * largest + 1e-12 * np.abs(start[:, 0])
         for point in points:
             result, expected = _values(system, point, p, times) - start, matrix @ point
             off = ~np.all(np.abs(result - expected[:, None]) <= tolerance[:, None], axis=1)
@@ -262,9 +248,7 @@ def first_nonlinear(system: System, records: Sequence[Record]) -> str:
 
 
 def _values(system: System, point: np.ndarray, p: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return rates and outputs ``(n + m, T)`` at a ``point (n + r,)`` of states and inputs, at all
-    ``times (T,)``.
-    """
+    """Return rates and outputs ``(n + m, T)`` at one ``point (n + r,)`` and all ``times (T,)``."""
     n = len(system.states)
     # NumPy numbers: their division by zero raises no exception.
     x, u = list(point[:n]), list(point[n:])
@@ -273,9 +257,7 @@ def _values(system: System, point: np.ndarray, p: np.ndarray, times: np.ndarray)
 
 
 def _largest_value(name: str, records: Sequence[Record]) -> float:
-    """Return the largest absolute value of a signal in the records, or one if it is not recorded or
-    always zero.
-    """
+    """Return the largest absolute value of a signal; one if it is not recorded or always zero."""
     result = [
         np.max(np.abs(channel.values[channel.valid]), initial=0.0)
         for record in records
@@ -394,7 +376,7 @@ def _gains(
     _, step1, ramp1 = _transition(A, b, part * dt)
     Phi2, step2, ramp2 = _transition(A, b, (1.0 - part) * dt)
     first, nothing = part[:, None], np.zeros_like(step1)
-    carried = np.array([_times(Phi2, row) for row in (step1, ramp1)])
+    carried = np.array([np.einsum("qij,qj->qi", Phi2, row) for row in (step1, ramp1)])
     if record.hold is Hold.PREVIOUS:
         return carried[0], step2, nothing
     return (
@@ -402,10 +384,6 @@ def _gains(
         (1.0 - first) * carried[0] + carried[1] / dt + step2 - ramp2 / dt,
         ramp2 / dt,
     )
-
-
-def _times(Phi: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    return np.asarray(np.einsum("qij,qj->qi", Phi, rows))
 
 
 def _transition(
@@ -458,11 +436,6 @@ MOST_NOISE_BANDS = 6
 NEIGHBOURING_HARMONICS = 3
 
 
-def one_band(count: int) -> np.ndarray:
-    """Return the number of the band, 0, for each of ``count`` frequencies: all are in one band."""
-    return np.zeros(count, dtype=int)
-
-
 def equal_bands(omegas: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Return the number of the band of each frequency, by record. Bands contain equal numbers of
     frequencies, and there are as many as ``FEWEST_HARMONICS`` and ``MOST_NOISE_BANDS`` allow.
@@ -493,13 +466,11 @@ def noise_levels(
     total, count = np.zeros((len(floor), width)), np.zeros((len(floor), width))
     for residual, measured, band in zip(residuals, usable, bands, strict=True):
         for b in range(width):
-            total[:, b] += np.where(
-                measured, np.sum(np.abs(residual[:, band == b]) ** 2, axis=1), 0.0
-            )
+            squares = np.sum(np.abs(residual[:, band == b]) ** 2, axis=1)
+            total[:, b] += np.where(measured, squares, 0.0)
             count[:, b] += np.where(measured, np.count_nonzero(band == b), 0.0)
-    return np.where(
-        count > 0, np.maximum(total / np.maximum(count, 1.0), floor[:, None]), 1.0
-    ), count
+    mean = np.maximum(total / np.maximum(count, 1.0), floor[:, None])
+    return np.where(count > 0, mean, 1.0), count
 
 
 def levels_differ(
@@ -523,14 +494,10 @@ def levels_differ(
     if degrees == 0:
         return False
     determined = np.flatnonzero(count.sum(axis=1) > 0)
-    ratio = 2.0 * np.sum(
-        count[determined] * np.log(together[determined] / split_levels[determined]), axis=1
-    )
-    return bool(
-        np.min(gammaincc(0.5 * degrees, 0.5 * np.maximum(ratio, 0.0)), initial=1.0)
-        * max(len(determined), 1)
-        < LEAST_UNIFORM_NOISE_PROBABILITY
-    )
+    log_ratio = np.log(together[determined] / split_levels[determined])
+    ratio = 2.0 * np.sum(count[determined] * log_ratio, axis=1)
+    least = np.min(gammaincc(0.5 * degrees, 0.5 * np.maximum(ratio, 0.0)), initial=1.0)
+    return bool(least * max(len(determined), 1) < LEAST_UNIFORM_NOISE_PROBABILITY)
 
 
 def means_over_neighbours(power: np.ndarray) -> np.ndarray:

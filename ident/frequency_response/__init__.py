@@ -1,4 +1,8 @@
-"""Frequency responses of records, with coherence and random errors."""
+"""Frequency responses of records, with coherence and random errors, and models fitted to them.
+
+May import the abstract part of `sim`. Tests with known responses are in
+``tests/unit/ident/frequency_response``. Theory: ``docs/estimators.md``.
+"""
 
 from ident.frequency_response.estimate import (
     LEAST_COHERENCE,

@@ -211,13 +211,11 @@ def responses_of_segments(
     parts = []
     for output in range(m):
         weights, averages = _weights(segments, output, instrument_rows, usable_rows, relaxed)
-        response, std, degrees = _pooled(
-            segments, output, z, instrument_rows, weights, spectra.derivatives
-        )
+        pooled = _pooled(segments, output, z, instrument_rows, weights, spectra.derivatives)
         signals = np.concatenate(
             [segments.transforms[instrument_rows, 0], segments.transforms[[output], 0]]
         )
-        multiple, partial = coherences(spectral_matrix(signals, weights))
+        coherence = coherences(spectral_matrix(signals, weights))
         input_coherence = _input_coherence(segments, z, instrument_rows, weights, joint=joint)
         windows = np.array(segments.lengths)[segments.windows]
         # The geometric mean is between the harmonic one, which holds for windows of one length, and
@@ -226,19 +224,7 @@ def responses_of_segments(
         power_offset = _power_offset(segments, instrument_rows, weights)
         if spectra.tapers:
             power_offset = np.zeros_like(power_offset)
-        parts.append(
-            (
-                response,
-                std,
-                degrees,
-                multiple,
-                partial,
-                input_coherence,
-                averages,
-                lengths,
-                power_offset,
-            )
-        )
+        parts.append((*pooled, *coherence, input_coherence, averages, lengths, power_offset))
     response, std, degrees, multiple, partial, input_coherence, averages, lengths, power_offset = (
         np.stack([part[n] for part in parts]) for n in range(9)
     )
@@ -489,11 +475,7 @@ def _usable(responses: FrequencyResponses, power_offset: np.ndarray) -> np.ndarr
             size = min(_SMOOTHED_NEIGHBOURS, partial.size)
             coherent, error, offset = (
                 median_filter(each, size=size, mode="nearest")
-                for each in (
-                    partial,
-                    responses.random_error[output, i],
-                    power_offset[output, i],
-                )
+                for each in (partial, responses.random_error[output, i], power_offset[output, i])
             )
             good = (coherent >= responses.spectra.least_coherence) & (error <= RANDOM_ERROR)
             usable[output, i] = longest_run(

@@ -255,9 +255,7 @@ def sine_segments(
 
 
 def _transformed(rows: np.ndarray, turns: np.ndarray) -> np.ndarray:
-    """Return the sums over n of ``rows[..., n] exp(turns n)``, ``(..., F)``, by blocks with the
-    same exponentials.
-    """
+    """Return the sums over n of ``rows[..., n] exp(turns n)``, ``(..., F)``, in blocks."""
     count = rows.shape[-1]
     size = max(1, math.isqrt(count))
     whole = -(-count // size)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +30,7 @@ _START_ITERATIONS = 12  # linear least-squares iterations for a starting point
 _MOST_EVALUATIONS = 300  # most evaluations of a search from one starting point
 _HIGHEST_ORDER = 8
 _LARGEST_ERROR = 1e6  # limit of a weighted error, so that the cost is finite
-_RELATIVE_STEP, _SMALLEST_SCALE = 1e-5, 1e-2  # of differences with respect to a parameter
+_RELATIVE_STEP, SMALLEST_SCALE = 1e-5, 1e-2  # of differences with respect to a parameter
 
 
 @dataclass(frozen=True)
@@ -382,7 +382,7 @@ class _Problem:
         for start in zip(*starts, strict=True):
             p = np.array([start[n][name] for n, name in self.keys])
             p = np.maximum(p, np.where(np.isfinite(low), low + 1e-6, p))
-            scale, most = np.maximum(np.abs(p), _SMALLEST_SCALE), _MOST_EVALUATIONS
+            scale, most = np.maximum(np.abs(p), SMALLEST_SCALE), _MOST_EVALUATIONS
             solution = least_squares(
                 self.residuals, p, bounds=(low, np.inf), x_scale=scale, max_nfev=most
             )
@@ -392,7 +392,7 @@ class _Problem:
 
     def result(self, p: np.ndarray, converged: bool) -> TransferFit:
         """Return the fit with standard deviations from the errors of the responses."""
-        slopes = self.slopes(p)
+        slopes = central_slopes(self.residuals, p)
         normal = slopes.T @ slopes
         scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
         scales = np.outer(scale, scale)
@@ -426,16 +426,17 @@ class _Problem:
         cost = float(np.mean([function.cost for function in functions]))
         return TransferFit(tuple(functions), cost, self.shared, converged)
 
-    def slopes(self, p: np.ndarray) -> np.ndarray:
-        """Return the derivatives ``(R, q)`` of the residuals by central differences."""
-        columns = []
-        for k, value in enumerate(p):
-            step = _RELATIVE_STEP * max(abs(value), _SMALLEST_SCALE)
-            above, below = p.copy(), p.copy()
-            above[k] += step
-            below[k] -= step
-            columns.append((self.residuals(above) - self.residuals(below)) / (2.0 * step))
-        return np.array(columns).T
+
+def central_slopes(residuals: Callable[[np.ndarray], np.ndarray], p: np.ndarray) -> np.ndarray:
+    """Return the derivatives ``(R, q)`` of residuals at ``p (q,)`` by central differences."""
+    columns = []
+    for k, value in enumerate(p):
+        step = _RELATIVE_STEP * max(abs(value), SMALLEST_SCALE)
+        above, below = p.copy(), p.copy()
+        above[k] += step
+        below[k] -= step
+        columns.append((residuals(above) - residuals(below)) / (2.0 * step))
+    return np.array(columns).T
 
 
 def conditional_std(covariance: np.ndarray) -> np.ndarray:
@@ -523,13 +524,10 @@ def _starts(
     They follow from iterated linear least squares (Sanathanan and Koerner, IEEE Trans. Automatic
     Control 8(1), 1963).
     """
-    group_delay = _group_delay(target)
+    group_delay, s = _group_delay(target), 1j * target.omega
     delays = (*_STARTING_DELAYS, *(share * group_delay for share in _GROUP_DELAY_SHARES))
-    if DELAY in fixed:
-        delays = (fixed[DELAY],) * len(delays)
     starts = []
-    for delay in delays:
-        s = 1j * target.omega
+    for delay in (fixed.get(DELAY, delay) for delay in delays):
         undelayed = target.response * np.exp(s * delay)
         scale = float(np.exp(np.mean(np.log(target.omega))))
         z = s / scale
@@ -560,3 +558,43 @@ def _group_delay(target: ResponseTarget) -> float:
         return 0.0
     slope = np.polyfit(target.omega[upper], np.unwrap(np.angle(target.response[upper])), 1)[0]
     return max(float(-slope), 0.0)
+
+
+# ---- Envelopes of added dynamics that pilots do not notice
+
+
+@dataclass(frozen=True, eq=False)
+class Envelopes:
+    """Envelopes of maximum unnoticeable added dynamics, ``(F,)`` each, in dB and deg."""
+
+    low_gain: np.ndarray
+    high_gain: np.ndarray
+    low_phase: np.ndarray
+    high_phase: np.ndarray
+
+
+PILOT_BAND = (0.1, 10.0)  # rad/s, frequencies of a pilot's control, at which the envelopes apply
+# Numerator and denominator in s, highest power first, of the lower and upper curve, by Hodgkinson
+# and Wood (McDonnell Douglas), as in MIL-STD-1797A. Some prints also have short delays in the phase
+# curves, which widen the envelope by up to 4 deg at 10 rad/s.
+_GAINS = (([0.0955, 9.92, 2.15], [1.0, 11.60, 4.95]), ([3.16, 31.61, 22.79], [1.0, 27.14, 1.84]))
+_PHASES = (
+    ([475.32, 184100.0, 29460.0], [1.0, 11.66, 0.0389]),
+    ([68.89, 1100.12, -275.22], [1.0, 39.94, 9.99]),
+)
+
+
+def unnoticeable_envelopes(omega: np.ndarray) -> Envelopes:
+    """Return the envelopes of added dynamics that pilots do not notice, at ``omega``, rad/s.
+
+    Wood and Hodgkinson, "Definition of Acceptable Levels of Mismatch for Equivalent Systems of
+    Augmented CTOL Aircraft", MDC A6792, McDonnell Douglas 1980; MIL-STD-1797A.
+    """
+    s = 1j * np.asarray(omega)
+
+    def curve(numerator: list[float], denominator: list[float]) -> np.ndarray:
+        return np.asarray(np.polyval(numerator, s) / np.polyval(denominator, s))
+
+    gains = [20.0 * np.log10(np.abs(curve(*polynomials))) for polynomials in _GAINS]
+    phases = [np.degrees(np.angle(curve(*polynomials))) for polynomials in _PHASES]
+    return Envelopes(gains[0], gains[1], phases[0], phases[1])

@@ -1,7 +1,7 @@
 """Detection of intentional maneuvers in the inputs and the motion of long records.
 
 The package imports only NumPy and SciPy, and knows no files and no vehicles. A new kind of maneuver
-needs its recognition in `shapes.py` or `motion.py`, its name in `KINDS`, its limits in
+needs its recognition in `shapes.py`, its name in `KINDS`, its limits in
 `ACCEPTANCE_LIMITS`, and flights with it in `tests/long_flights.py`. Limits are chosen on the
 flights 0 to 19 and tested on the flights 100 to 119.
 """

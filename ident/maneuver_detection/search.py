@@ -18,22 +18,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.maneuver_detection.motion import (
-    ALL_AXES,
-    load_factor_excursions,
-    maneuver_of,
-    mean_conditions,
-    runs_of,
-    trim_points,
-    turns,
-)
 from ident.maneuver_detection.shapes import (
+    ALL_AXES,
     HALF_WAVE_EDGE_SHARE,
     Shape,
+    load_factor_excursions,
     lobes_of,
+    maneuver_of,
+    mean_conditions,
     oscillation_of,
+    runs_of,
     same_lines,
     step_shapes,
+    trim_points,
+    turns,
 )
 from ident.maneuver_detection.signals import (
     AXES,
@@ -194,9 +192,7 @@ def _energy_ratio(activity: Activity, rows: slice = _ALL_ROWS) -> np.ndarray:
 def _quiet_samples(
     stretch: EvenSegment, activities: Mapping[str, Activity], maneuvers: Sequence[DetectedManeuver]
 ) -> np.ndarray:
-    """Return a mask ``(N,)`` of the samples at which no control moves beyond its rest level and no
-    maneuver is flown.
-    """
+    """Return a mask ``(N,)`` of samples at which no control moves and no maneuver is flown."""
     quiet = np.ones(stretch.time.size, dtype=bool)
     for activity in activities.values():
         quiet &= _energy_ratio(activity) <= ACTIVE_RATIO
@@ -263,9 +259,7 @@ def _energy(activity: Activity, shape: Shape) -> float:
 def _largest_without_overlap(
     candidates: Iterable[ManeuverCandidate], rest: int
 ) -> list[ManeuverCandidate]:
-    """Return the candidates of one control, the largest first, without those within ``rest``
-    samples of a larger one.
-    """
+    """Return the candidates, largest first, without those within ``rest`` samples of a larger."""
     chosen: list[ManeuverCandidate] = []
     for each in sorted(
         candidates,
@@ -397,9 +391,7 @@ def _are_independent(
     if not (one.shape.kind in OSCILLATIONS and other.shape.kind in OSCILLATIONS):
         return False
     rows = slice(max(one.shape.first, other.shape.first), min(one.shape.last, other.shape.last))
-    return not same_lines(
-        activities[one.channel].deviation[rows], activities[other.channel].deviation[rows]
-    )
+    return not same_lines(*(activities[each.channel].deviation[rows] for each in (one, other)))
 
 
 # ---- How well a maneuver determines each derivative
@@ -468,11 +460,8 @@ def excitation_of(stretch: EvenSegment, start: float, end: float, axis: str) -> 
         return {}
     residual = wanted - scaled @ estimate
     power = float(residual @ residual)
-    rho = (
-        float(np.clip(residual[1:] @ residual[:-1] / power, 0.0, LARGEST_CORRECTED_CORRELATION))
-        if power > 0.0
-        else 0.0
-    )
+    correlation = residual[1:] @ residual[:-1] / power if power > 0.0 else 0.0
+    rho = float(np.clip(correlation, 0.0, LARGEST_CORRECTED_CORRELATION))
     variance = power / (measured.size - len(averaged) - 1) * (1.0 + rho) / (1.0 - rho)
     sigma = np.sqrt(np.maximum(variance * np.diag(np.linalg.inv(scaled.T @ scaled)), 0.0))
     t = np.minimum(np.abs(estimate), LARGEST_T_VALUE * sigma) / np.where(sigma > 0.0, sigma, 1.0)

@@ -1,14 +1,20 @@
-"""Kind of an input from its shape: patterns of levels, and oscillations."""
+"""Kinds of maneuvers, from the shape of an input (patterns of levels, oscillations) and from the
+motion of the aircraft (turns, pull-ups, trim points).
+"""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
-from ident.maneuver_detection.signals import EvenSegment, rest_level
+from ident.maneuver_detection.signals import DetectedManeuver, EvenSegment, rest_level, trim_of
+
+# ---- Kind of an input from its shape
 
 RISES = (0.4, 1.0)  # s, durations of a level change that are tried, the shortest first
 EDGE_STRENGTH = 5.5  # smallest level change, relative to changes at rest
@@ -131,13 +137,9 @@ def step_shapes(stretch: EvenSegment, values: np.ndarray, trim: np.ndarray) -> l
         control = _Control(
             stretch, values, trim, moved, fast, rest, max(1, stretch.samples(0.5 * rise))
         )
-        for selected in (
-            at,
-            *(
-                _major_changes(at, moved, stretch.samples(NEAR_TIME), share)
-                for share in MINOR_CHANGE_SHARES
-            ),
-        ):
+        near = stretch.samples(NEAR_TIME)
+        major = (_major_changes(at, moved, near, share) for share in MINOR_CHANGE_SHARES)
+        for selected in (at, *major):
             for times in _change_sequences(stretch, selected, moved):
                 if times not in result and (one := _pattern(control, np.array(times))) is not None:
                     result[times] = one
@@ -157,18 +159,15 @@ def _doublets_with_pause(
 
     ``shapes`` are pairs of a merit and a shape.
     """
-    pulses = sorted(
-        ((merit, one) for merit, one in shapes if one.kind == "pulse"),
-        key=lambda each: each[1].first,
-    )
+    pulses = [each for each in shapes if each[1].kind == "pulse"]
+    pulses.sort(key=lambda each: each[1].first)
     for i, (merit, one) in enumerate(pulses):
         for other_merit, other in pulses[i + 1 :]:
             sizes = (one.last - one.first, other.last - other.first)
             if other.first - one.last > min(sizes):
                 break
-            signs = np.mean(deviation[one.first : one.last]) * np.mean(
-                deviation[other.first : other.last]
-            )
+            means = [np.mean(deviation[each.first : each.last]) for each in (one, other)]
+            signs = means[0] * means[1]
             amplitudes = (one.amplitude, other.amplitude)
             if (
                 other.first <= one.last
@@ -275,9 +274,7 @@ def _change_sequences(
 
 
 def _pattern(control: _Control, at: np.ndarray) -> tuple[float, Shape] | None:
-    """Return the pattern of the level changes at the samples ``at``, with its merit; None if they
-    form no pattern.
-    """
+    """Return the pattern of the level changes ``at``, with its merit; None if they form none."""
     kind = _kind(np.diff(at) * control.stretch.step)
     result = _levels(control, at) if kind else None
     if kind is None or result is None:
@@ -296,9 +293,7 @@ def _pattern(control: _Control, at: np.ndarray) -> tuple[float, Shape] | None:
 
 
 def _changes_within(stretch: EvenSegment, values: np.ndarray, rise: float) -> np.ndarray:
-    """Return the mean of a signal over half of ``rise``, s, after each sample minus the mean over
-    the same time before it, ``(N,)``.
-    """
+    """Return the mean over half of ``rise``, s, after each sample minus that before, ``(N,)``."""
     half = max(1, stretch.samples(0.5 * rise))
     total = np.cumsum(np.pad(values - values[0], (half + 1, half), mode="edge"))
     after, before = total[2 * half :] - total[half:-half], total[half:-half] - total[: -2 * half]
@@ -306,9 +301,7 @@ def _changes_within(stretch: EvenSegment, values: np.ndarray, rise: float) -> np
 
 
 def _major_changes(at: np.ndarray, moved: np.ndarray, near: int, share: float) -> np.ndarray:
-    """Return the level changes ``at`` without minor ones: those smaller than ``share`` of the
-    largest change within ``near`` samples.
-    """
+    """Return the level changes without those below ``share`` of the largest one within ``near``."""
     sizes = np.abs(moved[at])
     first, last = np.searchsorted(at, at - near), np.searchsorted(at, at + near, side="right")
     largest = np.array([sizes[a:b].max() for a, b in zip(first, last, strict=True)])
@@ -316,9 +309,7 @@ def _major_changes(at: np.ndarray, moved: np.ndarray, near: int, share: float) -
 
 
 def _levels(control: _Control, at: np.ndarray) -> tuple[float, np.ndarray, float] | None:
-    """Return flatness, levels and energy of the control between level changes; None if these form
-    no pattern.
-    """
+    """Return flatness, levels and energy between level changes; None if they form no pattern."""
     values, half, settle = control.values, control.half, control.stretch.samples(OUTSIDE_TIME)
     before = float(values[max(0, at[0] - half - settle) : max(1, at[0] - half + 1)].mean())
     later = values[at[-1] + half : at[-1] + half + settle]
@@ -342,9 +333,8 @@ def _levels(control: _Control, at: np.ndarray) -> tuple[float, np.ndarray, float
     ):
         return None
     jumps = control.moved[at]
-    changes_cancel = abs(float(jumps.sum())) <= CHANGE_DIFFERENCE_SHARE * float(
-        np.max(np.abs(jumps))
-    )
+    largest_jump = float(np.max(np.abs(jumps)))
+    changes_cancel = abs(float(jumps.sum())) <= CHANGE_DIFFERENCE_SHARE * largest_jump
     if abs(after - before) > RETURN_SHARE * largest and not changes_cancel:
         return None
     offset = base - float(np.median(control.trim[at[0] : at[-1]]))
@@ -395,11 +385,9 @@ def oscillation_of(deviation: np.ndarray) -> Shape | None:
     trend, ratio = _trend(half_waves)
     if trend >= SWEEP_RANK_CORRELATION and max(ratio, 1.0 / ratio) >= SWEEP_LENGTH_RATIO:
         return Shape("sweep", half_waves[0].first, half_waves[-1].last, amplitude, trend)
-    return (
-        Shape("multisine", half_waves[0].first, half_waves[-1].last, amplitude, trend)
-        if len(half_waves) >= FEWEST_HALF_WAVES - 1
-        else None
-    )
+    if len(half_waves) < FEWEST_HALF_WAVES - 1:
+        return None
+    return Shape("multisine", half_waves[0].first, half_waves[-1].last, amplitude, trend)
 
 
 def _trend(lobes: Sequence[Lobe]) -> tuple[float, float]:
@@ -424,3 +412,142 @@ def same_lines(first: np.ndarray, second: np.ndarray) -> bool:
     powers = [np.abs(np.fft.rfft(each - each.mean())) ** 2 for each in (first, second)]
     shares = [power / max(float(power.sum()), 1e-300) for power in powers]
     return float(np.sum(np.sqrt(shares[0] * shares[1]))) > SAME_SPECTRUM_SIMILARITY
+
+
+# ---- Turns, pull-ups and trim points, from the motion of the aircraft
+
+ALL_AXES = "all"  # axis of a trim point
+LEAST_TURN_BANK = math.radians(12.0)  # smallest bank angle of a turn
+TURN_EDGE_SHARE = 0.25  # bank at which a turn begins and ends, relative to its median bank
+HELD_BANK_TIME = 8.0  # s, shortest time for which the bank is within a fifth of its median
+LEAST_HELD_SHARE = 0.5  # smallest share of a turn with constant bank
+PULL_UP_LOAD = 0.25  # g, smallest load factor of a pull-up beyond that of the bank
+PULL_UP_TIME = 1.2  # s, shortest time above half of the largest load factor
+MOTION_AVERAGING_TIME = 0.5  # s, time over which motion is averaged
+SHORTEST_TRIM = 10.0  # s, shortest trim point
+# Largest change of 1 s averages within SHORTEST_TRIM in a trim point; that of the airspeed is
+# relative.
+TRIM_SPREAD = {
+    "airspeed": 0.025,
+    "height": 8.0,
+    "altitude": 8.0,
+    "theta": math.radians(1.5),
+    "phi": math.radians(4.0),
+}
+
+
+def turns(stretch: EvenSegment) -> list[DetectedManeuver]:
+    """Return the turns: parts of a segment in which the bank angle is held."""
+    if "phi" not in stretch.outputs:
+        return []
+    averaged = stretch.samples(MOTION_AVERAGING_TIME)
+    bank = uniform_filter1d(stretch.outputs["phi"], averaged, mode="nearest")
+    result = []
+    for lobe in lobes_of(bank, LEAST_TURN_BANK, join=False):
+        middle = float(np.median(bank[lobe.first : lobe.last]))
+        held = np.abs(bank - middle) < 0.2 * abs(middle)
+        if np.count_nonzero(held[lobe.first : lobe.last]) * stretch.step < HELD_BANK_TIME:
+            continue
+        first, last = _extended_to_level(
+            bank * math.copysign(1.0, middle), lobe, TURN_EDGE_SHARE * abs(middle)
+        )
+        held_time = np.count_nonzero(held[first:last]) * stretch.step
+        if held_time > LEAST_HELD_SHARE * (last - first) * stretch.step:
+            result.append(
+                maneuver_of(stretch, Shape("turn", first, last, abs(middle)), "roll", "phi")
+            )
+    return result
+
+
+def maneuver_of(
+    stretch: EvenSegment, shape: Shape, axis: str, channel: str = ""
+) -> DetectedManeuver:
+    """Return the maneuver whose shape is that of an input, of a bank angle or of a quiet part."""
+    start, end = (
+        float(stretch.time[min(k, stretch.time.size - 1)]) for k in (shape.first, shape.last)
+    )
+    return DetectedManeuver(start, end, axis, shape.kind, channel, shape.amplitude)
+
+
+def _extended_to_level(signal: np.ndarray, lobe: Lobe, level: float) -> tuple[int, int]:
+    """Return the samples before and after a positive lobe where the signal is below ``level``."""
+    before = np.flatnonzero(signal[: lobe.first] < level)
+    after = np.flatnonzero(signal[lobe.last :] < level)
+    return int(before[-1]) if before.size else 0, lobe.last + int(
+        after[0]
+    ) if after.size else signal.size - 1
+
+
+def load_factor_excursions(stretch: EvenSegment) -> list[tuple[int, int]]:
+    """Return the parts in which the load factor differs from that of the bank angle for some time:
+    the first sample of each, and the one after the last.
+    """
+    if "nz" not in stretch.outputs:
+        return []
+    steady = 1.0
+    if "phi" in stretch.outputs:
+        steady = 1.0 / np.maximum(np.cos(stretch.outputs["phi"]), 0.2)
+    averaged = stretch.samples(MOTION_AVERAGING_TIME)
+    excess = uniform_filter1d(stretch.outputs["nz"] - steady, averaged, mode="nearest")
+    excess = excess - trim_of(stretch, excess)
+    result = []
+    for lobe in lobes_of(excess, PULL_UP_LOAD, join=False):
+        inside = np.abs(excess[lobe.first : lobe.last])
+        if np.count_nonzero(inside > 0.5 * inside.max()) * stretch.step >= PULL_UP_TIME:
+            result.append((lobe.first, lobe.last))
+    return result
+
+
+def trim_points(
+    stretch: EvenSegment, quiet: np.ndarray, controls: Mapping[str, np.ndarray]
+) -> list[DetectedManeuver]:
+    """Return the trim points: parts of at least ``SHORTEST_TRIM`` in which inputs are quiet, and
+    airspeed, height, attitude and controls are constant.
+
+    Parameters
+    ----------
+    quiet : ``(N,)`` True at samples without activity of a control.
+    controls : control -> ``(N,)`` largest change of its 1 s averages, in the unit of the control.
+    """
+    size = stretch.samples(SHORTEST_TRIM)
+    steady = quiet.copy()
+    spreads: dict[str, float | np.ndarray] = {
+        name: spread for name, spread in TRIM_SPREAD.items() if name in stretch.outputs
+    }
+    for name, spread in (*spreads.items(), *controls.items()):
+        values = (stretch.inputs if name in controls else stretch.outputs)[name]
+        smooth = uniform_filter1d(values, stretch.samples(1.0), mode="nearest")
+        allowed = spread * np.abs(smooth) if name == "airspeed" else spread
+        around = maximum_filter1d(smooth, size, mode="nearest") - minimum_filter1d(
+            smooth, size, mode="nearest"
+        )
+        steady &= around <= allowed
+    # Each steady sample is the middle of a steady window: a run extends by half a window.
+    result: list[DetectedManeuver] = []
+    for first, last in runs_of(steady):
+        low, high = max(0, first - size // 2), min(quiet.size, last + size // 2)
+        while low < first and not quiet[low:first].all():
+            low += 1 + int(np.flatnonzero(~quiet[low:first])[-1])
+        not_quiet = np.flatnonzero(~quiet[last:high])
+        high = last + int(not_quiet[0]) if not_quiet.size else high
+        if (high - low) * stretch.step >= SHORTEST_TRIM:
+            if result and stretch.time[low] <= result[-1].end:
+                low = int(np.searchsorted(stretch.time, result.pop().start))
+            result.append(maneuver_of(stretch, Shape("trim", low, high - 1, 0.0), ALL_AXES))
+    return result
+
+
+def runs_of(mask: np.ndarray) -> np.ndarray:
+    """Return the first sample of each run of True, and the one after the last, ``(K, 2)``."""
+    return np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+
+
+def mean_conditions(stretch: EvenSegment, start: float, end: float) -> dict[str, float]:
+    """Return the mean ``"airspeed"`` and ``"height"`` between two times, s, if recorded."""
+    rows = stretch.rows(start, end)
+    conditions = {"airspeed": "airspeed", "altitude": "height", "height": "height"}
+    return {
+        condition: float(np.mean(stretch.outputs[name][rows]))
+        for name, condition in conditions.items()
+        if name in stretch.outputs
+    }

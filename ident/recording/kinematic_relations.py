@@ -25,9 +25,9 @@ from ident.recording.series import (
     FEWEST_SAMPLES,
     Certainty,
     Expectations,
-    FindingQuantity,
     Kind,
     RecordFinding,
+    quantities,
 )
 from sim.maths import G0
 from sim.record import Channel, Record
@@ -231,9 +231,7 @@ def unexplained_lift(columns: KinematicColumns) -> tuple[float, float] | None:
 
 
 def _unexplained_share_of_lift(load: np.ndarray, alpha: np.ndarray, surface: np.ndarray) -> float:
-    """Return the unexplained share of the power of a load in a regression on alpha + surface and
-    alpha - surface. Both factors must not be negative.
-    """
+    """Return the unexplained share of a load, regressed on alpha + surface and alpha - surface."""
     load, alpha, surface = (values - np.mean(values) for values in (load, alpha, surface))
     power = float(load @ load)
     if power <= POWER_FLOOR:
@@ -443,10 +441,11 @@ def control_power(columns: KinematicColumns) -> ControlPower | None:
     control_integral = np.concatenate([[0.0], np.cumsum(control * np.diff(columns.time))])
     fits = []
     for delay in CONTROL_DELAYS:
-        delayed = _delayed(columns.time, control_integral, delay)
+        delayed = control_integral
+        if delay:
+            delayed = np.interp(columns.time - delay, columns.time, control_integral)
         fit = _control_power_fit(change_of_q, [*integrals, change(delayed, lag)], lag)
-        if fit is not None:
-            fits.append(fit)
+        fits += [fit] if fit is not None else []
     if not fits:
         return None
     best = max(fits, key=lambda fit: fit.explained)
@@ -475,9 +474,7 @@ def is_reliable(power: ControlPower) -> bool:
 def _control_power_fit(
     change_of_q: np.ndarray, integrals: list[np.ndarray], lag: int
 ) -> ControlPower | None:
-    """Return the regression of the change of q on the integrals of alpha (or nz), q and the
-    control; None for collinear regressors.
-    """
+    """Return the regression of the change of q on ``integrals``; None if these are collinear."""
     regressors = np.stack([*integrals, np.ones(len(change_of_q))])
     scale = np.sqrt(np.mean(regressors**2, axis=1))
     if np.min(scale) <= 0.0:
@@ -499,10 +496,6 @@ def _control_power_fit(
         1.0 - float(residual @ residual) / power,
         damped=bool(coefficients[1] < 0.0),
     )
-
-
-def _delayed(time: np.ndarray, values: np.ndarray, delay: float) -> np.ndarray:
-    return values if delay == 0.0 else np.interp(time - delay, time, values)
 
 
 # ---- A height that is not in metres
@@ -544,10 +537,7 @@ def height_unit_findings(record: Record, expected: Expectations) -> list[RecordF
         f"{100.0 * best:.2g} % of the motion), not as heights in m "
         f"({100.0 * share_in_metres:.2g} %)"
     )
-    numbers = {
-        "unexplained": FindingQuantity(share_in_metres, "1"),
-        "unexplained_otherwise": FindingQuantity(best, "1"),
-    }
+    numbers = quantities(unexplained=share_in_metres, unexplained_otherwise=best)
     remedy = f"name the column {HEIGHT} [{unit}], or say its unit in a channel map"
     return [RecordFinding(HEIGHT, Kind.UNIT, Certainty.CERTAIN, text, remedy, numbers=numbers)]
 
@@ -582,9 +572,7 @@ def _residual_of(line: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _local_slope(t: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return the slope ``(N,)`` of a line through the samples within a fortieth of the record on
-    either side, by running sums.
-    """
+    """Return the slope ``(N,)`` of a line through a fortieth of the record on either side."""
     reach = max(2, len(t) // VELOCITY_PARTS)
     low = np.maximum(np.arange(len(t)) - reach, 0)
     high = np.minimum(np.arange(len(t)) + reach + 1, len(t))

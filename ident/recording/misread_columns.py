@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -36,7 +35,7 @@ from ident.recording.kinematic_relations import (
     lag_of,
     unexplained_lift,
 )
-from ident.recording.series import Certainty, Expectations, FindingQuantity, Kind, RecordFinding
+from ident.recording.series import Certainty, Expectations, Kind, RecordFinding, quantities
 from sim.record import Channel, Record
 
 # smallest unexplained share that suggests a wrong clock (one that runs twice as fast gives 0.2)
@@ -75,11 +74,7 @@ def time_base_finding(
         or abs(math.log2(best)) < GROSS_CLOCK_ERROR
     ):
         return None
-    numbers = {
-        "factor": FindingQuantity(best, "1"),
-        "unexplained": FindingQuantity(as_read, "1"),
-        "unexplained_otherwise": FindingQuantity(shares[best], "1"),
-    }
+    numbers = quantities(factor=best, unexplained=as_read, unexplained_otherwise=shares[best])
     sentence = (
         f"disagrees with the kinematics: they hold if time runs {best:.2g} times as long as the "
         "column says"
@@ -214,7 +209,7 @@ def large_angle_finding(channel: Channel) -> RecordFinding | None:
         Certainty.CERTAIN,
         text,
         remedy,
-        numbers={"reach": FindingQuantity(reach, "rad")},
+        numbers=quantities(reach=(reach, "rad")),
     )
 
 
@@ -230,14 +225,12 @@ def _load_factor_unit_finding(channel: Channel) -> RecordFinding | None:
         Certainty.CERTAIN,
         text,
         NZ_REMEDY,
-        numbers={"middle": FindingQuantity(middle, "g")},
+        numbers=quantities(middle=(middle, "g")),
     )
 
 
 def _lift_finding(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
-    """Return a finding if the correlation of nz with alpha shows a wrong sign, or an exchange of nz
-    with the control, and the kinematics confirm it.
-    """
+    """Return a finding if the correlation with alpha shows a wrong sign or exchange of nz."""
     y = columns.outputs
     if not {"alpha", "q", "nz"} <= set(y):
         return None
@@ -253,10 +246,7 @@ def _lift_finding(columns: KinematicColumns, as_read: float) -> RecordFinding | 
         correlations = []
         with np.errstate(invalid="ignore"):
             for k in shifts:
-                pairs = (
-                    (alpha[k:], other[: len(other) - k]),
-                    (alpha[: len(alpha) - k], other[k:]),
-                )
+                pairs = ((alpha[k:], other[: len(other) - k]), (alpha[: len(alpha) - k], other[k:]))
                 correlations += [
                     float(np.nan_to_num(np.corrcoef(first, second)[0, 1]))
                     for first, second in pairs
@@ -277,7 +267,7 @@ def _lift_finding(columns: KinematicColumns, as_read: float) -> RecordFinding | 
             Certainty.CERTAIN,
             text,
             "turn the sign of the column of nz",
-            numbers={"correlation": FindingQuantity(correlation, "1")},
+            numbers=quantities(correlation=correlation),
         )
     if (
         columns.control is None
@@ -304,14 +294,12 @@ def _lift_finding(columns: KinematicColumns, as_read: float) -> RecordFinding | 
         Certainty.CERTAIN,
         text,
         RENAME,
-        numbers={"correlation": FindingQuantity(correlation, "1")},
+        numbers=quantities(correlation=correlation),
     )
 
 
 def _degrees_finding(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
-    """Return a finding if all angles are in degrees: they are large, and consistent with each other
-    but not with nz.
-    """
+    """Return a finding if all angles are in degrees: large, and consistent except with nz."""
     names = [name for name in columns.outputs if name in UNITS]
     if (
         "alpha" not in names
@@ -336,16 +324,14 @@ def _degrees_finding(columns: KinematicColumns, as_read: float) -> RecordFinding
         Certainty.CERTAIN,
         text,
         "say their units in a channel map",
-        numbers={"unexplained": FindingQuantity(as_read, "1")},
+        numbers=quantities(unexplained=as_read),
     )
 
 
 def _best_reading_finding(
     columns: KinematicColumns, as_read: float, expected: Expectations
 ) -> RecordFinding | None:
-    """Return the finding of the best other reading of the columns, of a wrong airspeed or of a
-    wrong time base; None without any.
-    """
+    """Return the finding of another reading, a wrong airspeed or time base; None without any."""
     readings = sorted(
         (
             reading
@@ -355,62 +341,50 @@ def _best_reading_finding(
         key=lambda reading: reading.unexplained,
     )
     best = readings[0] if readings else None
+    possible: list[ColumnReading] = []
     if (
         best is not None
         and as_read > WRONG_COLUMN_SHARE
         and best.unexplained * READING_IMPROVEMENT_RATIO < as_read
     ):
-        similar = [
-            best,
-            *(
-                reading
-                for reading in readings[1:]
-                if reading.unexplained < READING_IMPROVEMENT_RATIO * best.unexplained
-            ),
-        ]
         possible = [
             reading
-            for reading in similar
-            if _supported_by_other_evidence(reading, columns, expected) is not False
-        ]
-        if not possible:
-            return _airspeed_finding(columns, as_read, expected) or time_base_finding(
-                columns, as_read, expected
+            for reading in readings
+            if (
+                reading is best
+                or reading.unexplained < READING_IMPROVEMENT_RATIO * best.unexplained
             )
-        best = possible[0]
-        rivals: list[ColumnReading] = []
-        if len(possible) > 1:
-            best, rivals = _rivals_by_control(possible, expected)
-        numbers = {
-            "unexplained": FindingQuantity(as_read, "1"),
-            "unexplained_otherwise": FindingQuantity(best.unexplained, "1"),
-        }
-        units = re.fullmatch(r"is in (\S+), not in (\S+)", best.sentence)
-        changed, read = (f"in {units[1]}", f"in {units[2]}") if units else ("corrected", "as read")
-        sentence = (
-            f"{best.sentence}: {read} {_percent(as_read)} of the motion does not fit the other "
-            f"channels, {changed} {_percent(best.unexplained)}"
+            and _supported_by_other_evidence(reading, columns, expected) is not False
+        ]
+    if not possible:
+        return _airspeed_finding(columns, as_read, expected) or time_base_finding(
+            columns, as_read, expected
         )
-        if best.kind is Kind.UNIT and best.channel == "nz" and not rivals:
-            airspeed = _airspeed_finding(columns, as_read, expected, best)
-            if airspeed is not None:
-                return airspeed
-        # Without alpha, nz replaces it. This is wrong for an accelerometer away from the centre of
-        # gravity, so that only a finding of a sign is then certain.
-        reliable = "alpha" in columns.outputs or best.kind is Kind.SIGN
-        resolved = lag_of(columns) >= FEWEST_ROWS_PER_LAG
-        confirmed = _supported_by_other_evidence(best, columns, expected) is not None
-        certain = reliable and resolved and confirmed
-        certainty = Certainty.CERTAIN if certain else Certainty.LIKELY
-        if rivals:
-            others = [f"{rival.channel} {rival.sentence}" for rival in rivals[:2]]
-            sentence += f"; or {' or '.join(others)}"
-        return RecordFinding(
-            best.channel, best.kind, certainty, sentence, best.remedy, numbers=numbers
-        )
-    return _airspeed_finding(columns, as_read, expected) or time_base_finding(
-        columns, as_read, expected
+    if len(possible) > 1 and expected.control_power is not None:
+        # Where the control power of some readings agrees with the vehicle file, only these count.
+        agreeing = [each for each in possible if _control_power_agrees(each.columns, expected)[0]]
+        possible = agreeing or possible
+    best, *rivals = possible
+    units = re.fullmatch(r"is in (\S+), not in (\S+)", best.sentence)
+    changed, read = (f"in {units[1]}", f"in {units[2]}") if units else ("corrected", "as read")
+    sentence = (
+        f"{best.sentence}: {read} {_percent(as_read)} of the motion does not fit the other "
+        f"channels, {changed} {_percent(best.unexplained)}"
     )
+    if best.kind is Kind.UNIT and best.channel == "nz" and not rivals:
+        airspeed = _airspeed_finding(columns, as_read, expected, best)
+        if airspeed is not None:
+            return airspeed
+    # Without alpha, nz replaces it. This is wrong for an accelerometer away from the centre of
+    # gravity, so that only a finding of a sign is then certain.
+    reliable = "alpha" in columns.outputs or best.kind is Kind.SIGN
+    resolved = lag_of(columns) >= FEWEST_ROWS_PER_LAG
+    confirmed = _supported_by_other_evidence(best, columns, expected) is not None
+    certainty = Certainty.CERTAIN if reliable and resolved and confirmed else Certainty.LIKELY
+    if rivals:
+        sentence += f"; or {' or '.join(f'{each.channel} {each.sentence}' for each in rivals[:2])}"
+    numbers = quantities(unexplained=as_read, unexplained_otherwise=best.unexplained)
+    return RecordFinding(best.channel, best.kind, certainty, sentence, best.remedy, numbers=numbers)
 
 
 def _airspeed_finding(
@@ -449,11 +423,9 @@ def _airspeed_finding(
         Certainty.LIKELY if unit is None else Certainty.CERTAIN,
         sentence,
         remedy,
-        numbers={
-            "unexplained": FindingQuantity(as_read, "1"),
-            "unexplained_otherwise": FindingQuantity(share, "1"),
-            "airspeed": FindingQuantity(fitted_airspeed, "m/s"),
-        },
+        numbers=quantities(
+            unexplained=as_read, unexplained_otherwise=share, airspeed=(fitted_airspeed, "m/s")
+        ),
     )
 
 
@@ -494,9 +466,7 @@ def _supported_by_other_evidence(
 def _control_power_agrees(
     columns: KinematicColumns, expected: Expectations
 ) -> tuple[bool | None, ControlPower | None]:
-    """Return whether the control power agrees with the vehicle file (None if it is unreliable), and
-    the control power.
-    """
+    """Return the control power, after whether it agrees with the vehicle file (None: unclear)."""
     power = control_power(columns)
     if power is None or not is_reliable(power) or not expected.control_power:
         return None, power
@@ -504,9 +474,7 @@ def _control_power_agrees(
 
 
 def _power_agrees(power: float, expected: Expectations) -> bool:
-    """Return whether a control power agrees with the vehicle file; only its sign must agree if the
-    unit of the control is unknown.
-    """
+    """Return whether a control power agrees, by sign alone if the control's unit is unknown."""
     ratio = power / expected.control_power if expected.control_power else 0.0
     if not expected.angular_control and ratio > 0.0:
         return True
@@ -536,21 +504,6 @@ def _largest_correct_share(reading: ColumnReading, columns: KinematicColumns) ->
     return CORRECT_COLUMN_SHARE
 
 
-def _rivals_by_control(
-    rivals: Sequence[ColumnReading], expected: Expectations
-) -> tuple[ColumnReading, list[ColumnReading]]:
-    """Return the first reading and its rivals. Where the control power of some readings agrees with
-    the vehicle file, only these are kept.
-    """
-    if expected.control_power is None:
-        return rivals[0], list(rivals[1:])
-    agreeing = [
-        reading for reading in rivals if _control_power_agrees(reading.columns, expected)[0]
-    ]
-    kept = agreeing or list(rivals)
-    return kept[0], kept[1:]
-
-
 def _control_finding(columns: KinematicColumns, expected: Expectations) -> list[RecordFinding]:
     """Return a finding if the sign or unit of a control contradicts the vehicle file."""
     if expected.control_power is None or not expected.control_power:
@@ -563,10 +516,9 @@ def _control_finding(columns: KinematicColumns, expected: Expectations) -> list[
         f"its pitch acceleration is {power.value:+.3g} rad/s2 per unit, the vehicle file says "
         f"{expected.control_power:+.3g}"
     )
-    numbers = {
-        "control_power": FindingQuantity(power.value, "rad/s2"),
-        "expected": FindingQuantity(expected.control_power, "rad/s2"),
-    }
+    numbers = quantities(
+        control_power=(power.value, "rad/s2"), expected=(expected.control_power, "rad/s2")
+    )
     in_degrees = 1.0 / CONTROL_POWER_FACTOR < ratio * DEGREES < CONTROL_POWER_FACTOR
     if ratio < 0.0:
         kind, sentence = Kind.SIGN, f"has the sign turned: {text}"

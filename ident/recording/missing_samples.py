@@ -12,15 +12,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ident.recording.interpolation import FEWEST_UPDATES, phase_period
-from ident.recording.series import (
-    Certainty,
-    FindingQuantity,
-    Kind,
-    RecordFinding,
-    Series,
-    runs_of,
-)
+from ident.recording.distorted_channels import FEWEST_UPDATES, phase_period
+from ident.recording.series import Certainty, Kind, RecordFinding, Series, quantities, runs_of
 from sim.errors import instant, time_span
 from sim.record import Record
 
@@ -42,11 +35,10 @@ def dropout_findings(series: Series, count: int, *, is_input: bool = False) -> l
     An input must have no gap: its dropouts are a warning and are not masked. ``count`` is the
     number of rows of the record.
     """
-    fill, is_fill = _fill(series)
-    candidates = [
-        ("exact zeros", 0.0, _zeros(series)),
-        (f"the fill value {fill:g}", fill, is_fill),
-    ]
+    candidates = [("exact zeros", 0.0, _zeros(series))]
+    fill = fill_value(series.values, series.noise)
+    if fill is not None:
+        candidates.append((f"the fill value {fill:g}", fill, series.values == fill))
     findings = []
     for name, value, is_dropout in candidates:
         runs = runs_of(is_dropout)
@@ -62,26 +54,17 @@ def dropout_findings(series: Series, count: int, *, is_input: bool = False) -> l
 
 
 def _dropout_finding(
-    series: Series,
-    runs: np.ndarray,
-    name: str,
-    value: float,
-    count: int,
-    *,
-    is_input: bool,
+    series: Series, runs: np.ndarray, name: str, value: float, count: int, *, is_input: bool
 ) -> RecordFinding:
     """Return the finding of runs of one value, which ``name`` describes."""
     times = tuple((float(series.time[b]), float(series.time[e - 1])) for b, e in runs)
     samples = int(sum(e - b for b, e in runs))
-    first = ", ".join(f"{instant(begin)} s" for begin, _ in times[:3])
+    first = _first_three([f"{instant(begin)} s" for begin, _ in times])
     text = (
-        f"has {samples} sample(s) that are {name}, at "
-        f"{first}{' and so on' if len(times) > 3 else ''}, far from the samples before and after"
+        f"has {samples} sample(s) that are {name}, at {first}, far from the samples before and "
+        "after"
     )
-    numbers = {
-        "value": FindingQuantity(value, series.unit),
-        "samples": FindingQuantity(float(samples), "1"),
-    }
+    numbers = quantities(value=(value, series.unit), samples=float(samples))
     if is_input:
         remedy = "fill the dropouts of an input, or cut the record there"
         return RecordFinding(
@@ -97,9 +80,7 @@ def _dropout_finding(
 
 
 def _zeros(series: Series) -> np.ndarray:
-    """Return whether each sample is in a run of exact zeros between two values of one sign, far
-    from zero.
-    """
+    """Return whether each sample is in a run of zeros far from both neighbours of one sign."""
     values = series.values
     is_dropout = np.zeros(len(values), dtype=bool)
     zero = values == 0.0
@@ -121,22 +102,12 @@ def _zeros(series: Series) -> np.ndarray:
 
 
 def _is_sudden(values: np.ndarray, begin: int, end: int, least: float) -> bool:
-    """Return whether the steps to and from zero exceed ``least``, and are several times the steps
-    before and after.
-    """
+    """Return whether the steps to and from zero exceed ``least`` and the usual steps."""
     before = np.abs(np.diff(values[max(0, begin - 4) : begin]))
     after = np.abs(np.diff(values[end : end + 4]))
     usual = float(np.max(np.concatenate([before, after]))) if before.size + after.size else 0.0
     smaller_step = min(abs(float(values[begin - 1])), abs(float(values[end])))
     return smaller_step > max(SUDDEN_STEP_RATIO * usual, least)
-
-
-def _fill(series: Series) -> tuple[float, np.ndarray]:
-    """Return the fill value of a channel, zero without one, and whether each sample has it."""
-    fill = fill_value(series.values, series.noise)
-    if fill is None:
-        return 0.0, np.zeros(len(series.values), dtype=bool)
-    return fill, series.values == fill
 
 
 def fill_value(values: np.ndarray, noise: float = 0.0) -> float | None:
@@ -192,8 +163,9 @@ def missing_rows_findings(record: Record) -> list[RecordFinding]:
     for channel in record.inputs:
         span = float(np.ptp(channel.values))
         if span > 0.0:
-            lowest, highest = _range_about(channel.values, gaps)
-            moving |= highest - lowest > MOVING_INPUT_SHARE * span
+            # the two samples on either side of each gap
+            rows = np.clip(gaps[:, None] + np.arange(-1, 3), 0, len(record) - 1)
+            moving |= np.ptp(channel.values[rows], axis=1) > MOVING_INPUT_SHARE * span
     findings = []
     if np.any(moving):
         findings.append(_rows_finding(record, gaps[moving], step, input_moves=True))
@@ -205,17 +177,14 @@ def missing_rows_findings(record: Record) -> list[RecordFinding]:
 def _rows_finding(
     record: Record, gaps: np.ndarray, step: float, *, input_moves: bool
 ) -> RecordFinding:
-    """Return the finding of missing rows after the rows ``gaps``; ``step`` is the median step,
-    s.
-    """
+    """Return the finding of missing rows after the rows ``gaps``, at the median ``step``, s."""
     steps = np.diff(record.time)
     times = tuple((float(record.time[gap]), float(record.time[gap + 1])) for gap in gaps)
     rows = int(np.sum(np.round(np.minimum(steps[gaps], MOST_COUNTED_ROWS * step) / step) - 1))
-    places = ", ".join(f"{time_span(begin, end, 4)}" for begin, end in times[:3])
+    places = _first_three([time_span(begin, end, 4) for begin, end in times])
     text = (
         f"{rows} {'row is' if rows == 1 else 'rows are'} missing "
-        f"{'while an input moves ' if input_moves else ''}"
-        f"({places}{' and so on' if len(times) > 3 else ''})"
+        f"{'while an input moves ' if input_moves else ''}({places})"
     )
     if record.inputs:
         text += "; the last input is kept there" + (", which may be wrong" if input_moves else "")
@@ -223,19 +192,8 @@ def _rows_finding(
     if input_moves:
         remedy = "give the parts before and after as segments, --from and --to in pairs"
     certainty = Certainty.LIKELY if input_moves else Certainty.NOTED
-    numbers = {
-        "rows": FindingQuantity(float(rows), "1"),
-        "longest": FindingQuantity(float(np.max(steps[gaps])), "s"),
-    }
+    numbers = quantities(rows=float(rows), longest=(float(np.max(steps[gaps])), "s"))
     return RecordFinding("time", Kind.ROWS_MISSING, certainty, text, remedy, times, numbers)
-
-
-def _range_about(values: np.ndarray, gaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the minimum and maximum, ``(G,)`` each, of the two samples on either side of G
-    gaps.
-    """
-    rows = np.clip(gaps[:, None] + np.arange(-1, 3)[None, :], 0, len(values) - 1)
-    return np.min(values[rows], axis=1), np.max(values[rows], axis=1)
 
 
 # ---- Runs of one value: sample and hold at a lower rate, and stuck channels
@@ -362,11 +320,9 @@ def stuck_finding(
     places = f"{len(times)} times, " if len(times) > 1 else ""
     all_zero = len(zero_runs) == len(stuck_runs)
     what = "are exact zeros" if all_zero else "repeat the one before exactly"
-    text = f"is stuck {places}{_between(times)}: {int(np.count_nonzero(mask))} samples {what}"
-    numbers = {
-        "longest": FindingQuantity(longest, "s"),
-        "runs": FindingQuantity(float(len(times)), "1"),
-    }
+    spans = _first_three([time_span(begin, end, 4) for begin, end in times])
+    text = f"is stuck {places}from {spans}: {int(np.count_nonzero(mask))} samples {what}"
+    numbers = quantities(longest=(longest, "s"), runs=float(len(times)))
     remedy = "find out why it was stuck; cut the record there if much of a maneuver is lost"
     return RecordFinding(
         series.name, Kind.STUCK, Certainty.COSTS_INFORMATION, text, remedy, times, numbers, mask
@@ -376,9 +332,7 @@ def stuck_finding(
 def _held_finding(
     series: Series, repeats: np.ndarray, period: float, count: int, *, regular: bool = True
 ) -> RecordFinding:
-    """Return the finding of held values. It masks the samples ``repeats (N,)``; ``period`` is in
-    samples.
-    """
+    """Return the finding of held values, which masks ``repeats (N,)``; ``period`` is in samples."""
     step = float(np.median(np.diff(series.time)))
     mask = np.zeros(count, dtype=bool)
     mask[series.rows[repeats]] = True
@@ -391,11 +345,9 @@ def _held_finding(
         f"is updated {often} and held in between: {int(np.count_nonzero(mask))} of "
         f"{len(series.values)} samples repeat an older one"
     )
-    numbers = {
-        "period": FindingQuantity(period * step, "s"),
-        "samples": FindingQuantity(period, "1"),
-        "phase": FindingQuantity(first - float(series.time[0]), "s"),
-    }
+    numbers = quantities(
+        period=(period * step, "s"), samples=period, phase=(first - float(series.time[0]), "s")
+    )
     remedy = "leave cells empty where there is no new sample, or record the channel at its own rate"
     return RecordFinding(
         series.name, Kind.HELD, Certainty.COSTS_INFORMATION, text, remedy, (), numbers, mask
@@ -403,9 +355,7 @@ def _held_finding(
 
 
 def _fits_even_clock(changes: np.ndarray, period: float) -> bool:
-    """Return whether the positions of changes are multiples of one period of about ``period``
-    samples, in each block of a hundred.
-    """
+    """Return whether changes are multiples of ``period`` samples, in each block of a hundred."""
     jitter = []
     for begin in range(0, len(changes) - FEWEST_UPDATES + 1, 100):
         block = changes[begin : begin + 100]
@@ -417,9 +367,7 @@ def _fits_even_clock(changes: np.ndarray, period: float) -> bool:
 
 
 def _is_improbable(series: Series, others: Sequence[Series], begin: int, end: int) -> bool:
-    """Return whether equal samples from ``begin`` to ``end`` are explained neither by noise nor by
-    a channel at rest.
-    """
+    """Return whether neither noise nor a channel at rest explains the equal samples."""
     values, time = series.values, series.time
     if series.resolved and _all_others_change(others, time[begin], time[end]):
         # The probability of a repeat is computed for half the noise, to be safe: the estimate of
@@ -443,9 +391,7 @@ def _is_improbable(series: Series, others: Sequence[Series], begin: int, end: in
 
 
 def _jumps_at_end(series: Series, inputs: Sequence[Series], begin: int, end: int) -> bool:
-    """Return whether a moving channel ends its run with a step several times the usual one, while
-    no input steps.
-    """
+    """Return whether a run ends with a step several times the usual one, while no input steps."""
     values = series.values
     if series.white or begin == 0 or end + 2 >= len(values):
         return False
@@ -473,9 +419,7 @@ def _all_others_change(others: Sequence[Series], begin: float, end: float) -> bo
 
 
 def _another_moves(others: Sequence[Series], begin: float, end: float) -> bool:
-    """Return whether another channel moves from time ``begin`` to ``end``, s, by more than its
-    noise and a share of its span.
-    """
+    """Return whether another channel moves from ``begin`` to ``end``, s, by a share of its span."""
     for other in others:
         inside = other.values[(other.time >= begin) & (other.time <= end)]
         if len(inside) < 5:
@@ -488,6 +432,6 @@ def _another_moves(others: Sequence[Series], begin: float, end: float) -> bool:
     return False
 
 
-def _between(times: Sequence[tuple[float, float]]) -> str:
-    first = ", ".join(f"{time_span(begin, end, 4)}" for begin, end in times[:3])
-    return f"from {first}{' and so on' if len(times) > 3 else ''}"
+def _first_three(texts: Sequence[str]) -> str:
+    """Return the first three texts, and whether there are more."""
+    return f"{', '.join(texts[:3])}{' and so on' if len(texts) > 3 else ''}"

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -56,6 +56,16 @@ class FindingQuantity:
 
     value: float
     unit: str
+
+
+def quantities(**numbers: float | tuple[float, str]) -> dict[str, FindingQuantity]:
+    """Return the numbers of a finding by name: values with their units, or values of unit 1."""
+    return {
+        name: FindingQuantity(*number)
+        if isinstance(number, tuple)
+        else FindingQuantity(number, "1")
+        for name, number in numbers.items()
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,10 +123,9 @@ class Expectations:
 
 def quantity_text(value: float, unit: str) -> str:
     """Return a value with its unit as text, angles in degrees."""
-    factor, label = (
-        (180.0 / math.pi, unit.replace("rad", "deg", 1)) if unit.startswith("rad") else (1.0, unit)
-    )
-    return f"{factor * value:.3g}{'' if label in ('', '1') else f' {label}'}"
+    if unit.startswith("rad"):
+        value, unit = 180.0 / math.pi * value, unit.replace("rad", "deg", 1)
+    return f"{value:.3g}{'' if unit in ('', '1') else f' {unit}'}"
 
 
 # ---- One channel as it was sampled
@@ -375,8 +384,8 @@ def resolution_finding(series: Series) -> RecordFinding | None:
         f"has a least bit of {quantity_text(bit, series.unit)}, coarse against its noise: smaller "
         "motion is not recorded, and rounding errors are not white"
     )
-    numbers = {"least_bit": FindingQuantity(bit, series.unit)} | (
-        {"noise": FindingQuantity(series.noise, series.unit)} if series.noise else {}
+    numbers = quantities(least_bit=(bit, series.unit)) | (
+        quantities(noise=(series.noise, series.unit)) if series.noise else {}
     )
     return RecordFinding(series.name, Kind.RESOLUTION, Certainty.NOTED, text, "", (), numbers)
 
@@ -450,18 +459,9 @@ def _parts(series: Series, parts: int, inputs: Sequence[Series]) -> list[_NoiseP
                 power < float(np.mean(rough4**2))
                 and robust_sigma_about_zero(steps) ** 2 < 3.0 * level**2
             )
+            motion, samples = float(np.sqrt(max(power, 0.0))), int(np.count_nonzero(finite))
             rough = tuple(_roughness(other, begin, end) for other in inputs)
-            noise_parts.append(
-                _NoisePart(
-                    level,
-                    white,
-                    slow,
-                    float(np.sqrt(max(power, 0.0))),
-                    rough,
-                    int(np.count_nonzero(finite)),
-                    (begin, end),
-                )
-            )
+            noise_parts.append(_NoisePart(level, white, slow, motion, rough, samples, (begin, end)))
     return noise_parts
 
 
@@ -476,9 +476,7 @@ def _roughness(other: Series, begin: float, end: float) -> float:
 
 
 def _ratio_beyond_inputs(quiet: _NoisePart, loud: _NoisePart) -> float:
-    """Return the ratio of two noise levels, divided by the largest ratio of the roughness of an
-    input; zero if motion explains the ratio.
-    """
+    """Return the ratio of two noise levels over that of the inputs; zero if motion explains it."""
     if not loud.slow and quiet.motion < loud.motion:
         return 0.0
     input_ratio = 1.0
@@ -490,12 +488,8 @@ def _ratio_beyond_inputs(quiet: _NoisePart, loud: _NoisePart) -> float:
 
 def _others_rougher(quiet: _NoisePart, loud: _NoisePart, others: Sequence[Series]) -> bool:
     """Return whether another output is significantly rougher as well."""
-    least = max(
-        NOTABLE_NOISE_RATIO,
-        float(
-            np.exp(UNEVEN_SIGMAS * LOG_SCATTER * np.sqrt(1.0 / quiet.samples + 1.0 / loud.samples))
-        ),
-    )
+    scatter = LOG_SCATTER * np.sqrt(1.0 / quiet.samples + 1.0 / loud.samples)
+    least = max(NOTABLE_NOISE_RATIO, float(np.exp(UNEVEN_SIGMAS * scatter)))
     return any(
         _roughness(other, *loud.times) > least * _roughness(other, *quiet.times) > 0.0
         for other in others
@@ -510,15 +504,9 @@ def _is_significant(quiet: _NoisePart, loud: _NoisePart) -> bool:
 
 
 def _finding_between_parts(
-    series: Series,
-    parts: int,
-    count: int,
-    inputs: Sequence[Series],
-    others: Sequence[Series],
+    series: Series, parts: int, count: int, inputs: Sequence[Series], others: Sequence[Series]
 ) -> RecordFinding | None:
-    """Return the finding for a record in ``parts`` equal parts, or None. ``others`` are the other
-    outputs.
-    """
+    """Return the finding for a record in ``parts`` equal parts, or None."""
     if parts < 3:
         return None
     all_parts = _parts(series, parts, inputs)
@@ -539,10 +527,7 @@ def _finding_between_parts(
         f"{quantity_text(part.level, series.unit)} from {time_span(*part.times, 4)}"
         for part in (low, high)
     )
-    numbers = {
-        "least": FindingQuantity(low.level, series.unit),
-        "greatest": FindingQuantity(high.level, series.unit),
-    }
+    numbers = quantities(least=(low.level, series.unit), greatest=(high.level, series.unit))
     mask = np.zeros(count, dtype=bool)
     between = float(np.sqrt(low.level * high.level))
     above = [loud.level for _, loud in pairs if loud.level > between]
@@ -557,24 +542,16 @@ def _finding_between_parts(
             if part.level > between and not any(part is loud_part for _, loud_part in pairs)
         ]
         mask[series.rows[loud & ~_in_parts(series.time, moving)]] = True
-    if 0.0 < np.count_nonzero(mask) < LARGEST_MASKED_SHARE * len(series.values):
-        return RecordFinding(
-            series.name,
-            Kind.NOISE_LEVEL,
-            Certainty.COSTS_INFORMATION,
-            text,
-            "",
-            (high.times,),
-            numbers,
-            mask,
-        )
     remedy = (
         "one mean noise level is fitted to the whole record; cut out the noisy part if it is a "
         "fault"
     )
-    return RecordFinding(
+    finding = RecordFinding(
         series.name, Kind.NOISE_LEVEL, Certainty.LIKELY, text, remedy, (high.times,), numbers
     )
+    if 0.0 < np.count_nonzero(mask) < LARGEST_MASKED_SHARE * len(series.values):
+        return replace(finding, certainty=Certainty.COSTS_INFORMATION, remedy="", mask=mask)
+    return finding
 
 
 def _in_parts(time: np.ndarray, parts: Sequence[_NoisePart]) -> np.ndarray:
@@ -586,9 +563,7 @@ def _in_parts(time: np.ndarray, parts: Sequence[_NoisePart]) -> np.ndarray:
 
 
 def _loud_samples(fourth: np.ndarray, above: float, count: int) -> np.ndarray:
-    """Return a mask ``(count,)`` of the samples at which the noise in a short window exceeds the
-    level ``above``.
-    """
+    """Return a mask ``(count,)`` where the noise in a short window exceeds the level ``above``."""
     finite = np.isfinite(fourth)
     padded = np.pad(np.where(finite, np.abs(fourth), np.nan), LOCAL_LEVEL_SAMPLES, mode="reflect")
     local = SIGMA_PER_MEDIAN_DEVIATION * np.nanmedian(

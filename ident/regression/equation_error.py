@@ -151,10 +151,8 @@ def _least_squares(
             )
         bounded_step = np.clip(theta + step, low, high) - theta
         theta, parts, share = _descend(layout, theta, step, low, high, parts)
-        if (
-            np.max(np.abs(bounded_step) / conditional_scale(information, theta))
-            < settings.tolerance
-        ):
+        change = np.abs(bounded_step) / conditional_scale(information, theta)
+        if np.max(change) < settings.tolerance:
             outcome = Outcome.CONVERGED
             break
         if share == 0.0:
@@ -193,15 +191,12 @@ def _descend(
     """Return the point after a step that is halved until the cost does not rise, its residuals, and
     the share of the step; the share is 0 where the cost always rises.
     """
-    cost, share, resolved = (
-        _cost(parts),
-        1.0,
-        cost_rounding(float(equation_variances(parts)[1].sum())),
-    )
+    samples, share = float(equation_variances(parts)[1].sum()), 1.0
+    largest = _cost(parts) + cost_rounding(samples)
     for _ in range(_MOST_HALVINGS):
         trial = np.clip(theta + share * step, low, high)
         trial_parts = residuals_at(layout, trial, with_jacobian=False)
-        if trial_parts is not None and _cost(trial_parts) <= cost + resolved:
+        if trial_parts is not None and _cost(trial_parts) <= largest:
             new_parts = residuals_at(layout, trial)
             if new_parts is not None:
                 return trial, new_parts, share
@@ -300,11 +295,9 @@ def _instrumental_variables(
     outcome, iterations = Outcome.MAX_ITERATIONS, 0
     while True:
         iterations += 1
-        latest = (
-            _simulated_states(layout, theta)
-            if 1 < iterations <= INSTRUMENT_SIMULATIONS
-            else simulated
-        )
+        latest: list[list[np.ndarray]] | None = simulated
+        if 1 < iterations <= INSTRUMENT_SIMULATIONS:
+            latest = _simulated_states(layout, theta)
         equations = None if latest is None else _normal_problem(layout, theta, latest)
         if latest is None or equations is None:
             return None
@@ -313,12 +306,9 @@ def _instrumental_variables(
         if np.max(np.abs(step) / equations.size) < settings.tolerance:
             outcome = Outcome.CONVERGED
         if outcome is Outcome.CONVERGED or iterations >= settings.iterations:
-            return (
-                theta,
-                sandwich(equations.inverse, equations.scores, coloured=settings.coloured),
-                outcome,
-                iterations,
-            )
+            inverse, scores = equations.inverse, equations.scores
+            covariance = sandwich(inverse, scores, coloured=settings.coloured)
+            return theta, covariance, outcome, iterations
         theta = theta + step
 
 
@@ -392,9 +382,8 @@ def _with_best_windows(
         equations = _normal_problem(trial, theta, simulated)
         if equations is None:
             continue
-        covariance = sandwich(equations.inverse, equations.scores, coloured=settings.coloured)[
-            :n, :n
-        ]
+        covariance = sandwich(equations.inverse, equations.scores, coloured=settings.coloured)
+        covariance = covariance[:n, :n]
         scale = equations.size[:n]
         sign, log_determinant = np.linalg.slogdet(covariance / np.outer(scale, scale))
         log_determinant += 2.0 * float(np.log(scale).sum())
@@ -518,18 +507,13 @@ def _with_noise(record: Record, names: Sequence[str], noise: np.ndarray) -> Reco
     channels = []
     for channel in record.outputs:
         added = noise[names.index(channel.name)] if channel.name in names else 0.0
-        channels.append(
-            Channel.of(
-                channel.name, channel.unit, np.where(channel.valid, channel.values + added, np.nan)
-            )
-        )
+        values = np.where(channel.valid, channel.values + added, np.nan)
+        channels.append(Channel.of(channel.name, channel.unit, values))
     return replace(record, outputs=tuple(channels))
 
 
 def _noise_std(layout: RegressionLayout, parts: list[EquationResiduals]) -> np.ndarray:
-    """Return the rms difference ``(m,)`` of each output from its fitted values; 1 where it is not
-    recorded.
-    """
+    """Return the rms difference ``(m,)`` of outputs and fitted values; 1 if not recorded."""
     squares, counts = np.zeros(len(layout.system.outputs)), np.zeros(len(layout.system.outputs))
     for record, part in zip(layout.records, parts, strict=True):
         z, valid = record.output_array(layout.system.output_names)
@@ -540,20 +524,16 @@ def _noise_std(layout: RegressionLayout, parts: list[EquationResiduals]) -> np.n
 
 def _failed_estimate(layout: RegressionLayout, theta: np.ndarray) -> Estimate:
     """Return the estimate of a fit whose residuals are not finite at the start."""
-    n, system = len(layout.shared), layout.system
-    units = tuple(system.parameters[name].unit for name in layout.shared)
-    blank = tuple(np.zeros((len(system.outputs), len(record))) for record in layout.records)
-    wide = np.diag(np.maximum(1.0, theta[:n] ** 2))
-    ones = np.ones(len(system.outputs))
+    n, m, system = len(layout.shared), len(layout.system.outputs), layout.system
     return Estimate(
         "equation-error",
         layout.shared,
-        units,
+        tuple(system.parameters[name].unit for name in layout.shared),
         theta[:n],
-        wide,
+        np.diag(np.maximum(1.0, theta[:n] ** 2)),
         Outcome.DIVERGED,
         -LARGEST_NUMBER,
         system.output_names,
-        ones,
-        blank,
+        np.ones(m),
+        tuple(np.zeros((m, len(record))) for record in layout.records),
     )

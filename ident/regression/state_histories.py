@@ -434,9 +434,7 @@ def _record_residuals(
     *,
     with_jacobian: bool = True,
 ) -> EquationResiduals:
-    """Return the residuals of record ``r`` at its unknowns ``theta_r (c,)``, with derivatives by
-    complex steps.
-    """
+    """Return the residuals of record ``r`` at ``theta_r``, with complex-step derivatives."""
     system, record, data = layout.system, layout.records[r], layout.data[r]
     c = len(theta_r) if with_jacobian else 1
     p: list[Any] = list(system.parameters.values())
@@ -492,9 +490,7 @@ def _record_residuals(
 
 
 def _inputs(record: Record, system: System, p: Sequence[Any]) -> tuple[list[Any], list[Any]]:
-    """Return the inputs at the vehicle just after each sample ``(N, ...)``, and just before the
-    next one ``(N - 1, ...)``.
-    """
+    """Return the inputs just after each sample ``(N, ...)``, and just before the next one."""
     grid = make_grid(record.time, float(np.diff(record.time).max()))
     drive = drive_from_record(
         system, p, record.input_array(system.input_names), record.time, record.hold, grid

@@ -263,10 +263,7 @@ def clustered_share(
     where all runs have the same share. Runs without a trial are left out.
     """
     with_trials = np.asarray(trials) > 0
-    counts, trials = (
-        np.asarray(counts, dtype=float)[with_trials],
-        np.asarray(trials, dtype=float)[with_trials],
-    )
+    counts, trials = (np.asarray(x, dtype=float)[with_trials] for x in (counts, trials))
     runs, shares = len(trials), counts / trials
     if np.all(trials == 1.0) or np.ptp(shares) == 0.0:
         return clopper_pearson(float(shares.sum()), runs, level)

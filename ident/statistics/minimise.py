@@ -147,12 +147,17 @@ def minimise(descent: Descent[P], start: P, steps: int) -> Minimum[P]:
     --------
     The minimum of ``0.5 (x - 3)^2``, by a model with its curvature:
 
-    >>> import numpy as np >>> from ident.statistics.minimise import Descent, local_model, minimise
-    >>> def model(x): ...     return local_model(np.eye(1), 3.0 - x, x, np.array([-9.0]),
-    np.array([9.0])) >>> def trial(x, model, damping): ...     there = x + model.scale *
-    model.step(damping) ...     return there if (there[0] - 3.0) ** 2 <= (x[0] - 3.0) ** 2 else None
-    >>> minimum = minimise(Descent(model, trial, lambda x, m: m.predicted_gain < 1e-12),
-    np.zeros(1), 20) >>> round(float(minimum.point[0]), 6), minimum.stuck (3.0, False)
+    >>> import numpy as np
+    >>> from ident.statistics.minimise import Descent, local_model, minimise
+    >>> def model(x):
+    ...     return local_model(np.eye(1), 3.0 - x, x, np.array([-9.0]), np.array([9.0]))
+    >>> def trial(x, model, damping):
+    ...     there = x + model.scale * model.step(damping)
+    ...     return there if (there[0] - 3.0) ** 2 <= (x[0] - 3.0) ** 2 else None
+    >>> descent = Descent(model, trial, lambda x, m: m.predicted_gain < 1e-12)
+    >>> minimum = minimise(descent, np.zeros(1), 20)
+    >>> round(float(minimum.point[0]), 6), minimum.stuck
+    (3.0, False)
     """
     point, model = start, descent.model(start)
     damping, count, stuck = _FIRST_DAMPING, 0, False

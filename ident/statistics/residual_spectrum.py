@@ -190,9 +190,7 @@ class _ScoreTransforms:
         self._fit(self.measured)
 
     def _fit(self, autocovariance: np.ndarray) -> None:
-        """Fit the autoregression by Akaike's criterion: one for each output, or one of all outputs
-        together.
-        """
+        """Fit one autoregression for each output, or one of all together, by Akaike's criterion."""
         self.autocovariance = autocovariance
         separate = self._separate(autocovariance)
         self.model = min(
@@ -330,9 +328,7 @@ def _stacked(z: np.ndarray) -> np.ndarray:
 
 
 def _times_real(z: np.ndarray, factor: np.ndarray) -> np.ndarray:
-    """Return ``z @ factor`` of complex ``z (F, m, c)`` and real ``factor (c, n)``, computed by real
-    products, which take half the time.
-    """
+    """Return ``z @ factor`` of complex ``z (F, m, c)`` and real ``factor``, in half the time."""
     F, m, c = z.shape
     real_product = (_stacked(z).reshape(-1, c) @ factor).reshape(2, F, m, -1)
     product = np.empty(real_product.shape[1:], dtype=complex)

@@ -153,23 +153,11 @@ def residual_tests(
     ``residuals (m, N)`` of a whole-record fit with validity ``valid (m, N)``.
     """
     history = estimate.history
-    if history is None:
-        rows = [(residuals[i], valid[i]) for i in range(len(residuals))]
-    else:
-        rows = [
-            (history.innovation[i] / history.innovation_std[i], history.valid[i])
-            for i in range(len(history.innovation))
-        ]
-    tests = [
-        ljung_box(row, mask, name)
-        for (row, mask), name in zip(rows, estimate.output_names, strict=True)
-        if np.any(mask)
-    ]
-    tests += [
-        result
-        for (row, mask), name in zip(rows, estimate.output_names, strict=True)
-        if (result := residual_size(row, mask, name)) is not None
-    ]
+    if history is not None:
+        residuals, valid = history.innovation / history.innovation_std, history.valid
+    rows = list(zip(residuals, valid, estimate.output_names, strict=True))
+    tests = [ljung_box(*row) for row in rows if np.any(row[1])]
+    tests += [result for row in rows if (result := residual_size(*row)) is not None]
     return tuple(tests) if history is None else (*tests, innovation_size(history))
 
 
@@ -386,17 +374,10 @@ def compare_estimates(first: Estimate, second: Estimate, limit: float = BOUND_SI
     scale = np.sqrt(np.maximum(np.diag(P), 0.0))
     rows = []
     for k, name in enumerate(common):
-        z = (
-            float(d[k] / scale[k])
-            if scale[k] > 0
-            else (0.0 if d[k] == 0 else float(np.copysign(1e9, d[k])))
-        )
-        values = (
-            float(first.values[a[k]]),
-            float(first.std[a[k]]),
-            float(second.values[b[k]]),
-            float(second.std[b[k]]),
-        )
+        z = 0.0 if d[k] == 0 else float(np.copysign(1e9, d[k]))
+        if scale[k] > 0:
+            z = float(d[k] / scale[k])
+        values = (first.value(name), first.sigma(name), second.value(name), second.sigma(name))
         rows.append(EstimateDifference(name, first.units[a[k]], *values, z, abs(z) > limit))
     usable = scale > 0
     whole = P[np.ix_(usable, usable)] / np.outer(scale[usable], scale[usable])

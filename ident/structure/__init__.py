@@ -1,1 +1,4 @@
-"""Aerodynamic coefficients from measured motion, and the terms of their models."""
+"""Aerodynamic coefficients from measured motion, and the terms of their models.
+
+May import `sim.aerodynamics`, `sim.maths` and `sim.errors`, but no vehicle and no effect.
+"""

@@ -18,25 +18,177 @@ References
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from ident.structure.windows import (
-    averaging_weights,
-    bandwidth_of,
-    coefficient_sigmas,
-    force_noise_levels,
-    half_width,
-    noise_of,
-    signal_noise_levels,
-    slope_weights,
-    windows,
-)
 from sim.aerodynamics import Term
 from sim.errors import RecordError
+
+# ---- Moving windows over the channels: weights, bandwidth, and the noise that remains
+
+# constants of an airframe that does not give them
+_DEFAULT_CONSTANTS = dict.fromkeys(("cg_x", "cg_y", "cg_z", "thrust_arm", "thrust_angle"), 0.0) | {
+    "speed_of_sound": 340.294
+}
+_INERTIAS = ("roll_inertia", "pitch_inertia", "yaw_inertia", "cross_inertia")
+# rate -> reference length of the non-dimensional rate
+REFERENCE_LENGTHS = {"p": "span", "q": "chord", "r": "span"}
+
+
+def half_width(rate: float, bandwidth: float, widest: int = 2000) -> int:
+    """Return the half-width, in samples, at most ``widest``, of the window whose slope has the
+    half-power ``bandwidth``, Hz, at the sampling ``rate``, Hz.
+    """
+    best, beyond = 1, 2
+    while bandwidth_of(beyond, rate) >= bandwidth and beyond < widest:
+        best, beyond = beyond, 2 * beyond
+    while beyond - best > 1:
+        middle = (best + beyond) // 2
+        if bandwidth_of(middle, rate) >= bandwidth:
+            best = middle
+        else:
+            beyond = middle
+    return best
+
+
+def bandwidth_of(half: int, rate: float) -> float:
+    """Return the half-power bandwidth, Hz, of slopes over ``2 half + 1`` samples."""
+    kernel = averaging_weights(half)
+    f = np.linspace(0.0, 0.5, 2001)
+    n = np.arange(len(kernel)) - (len(kernel) - 1) / 2.0
+    gain = np.abs(np.cos(2.0 * np.pi * np.outer(f, n)) @ kernel)
+    below = np.nonzero(gain < math.sqrt(0.5))[0]
+    return rate * float(f[below[0]]) if len(below) else 0.5 * rate
+
+
+def slope_weights(half: int) -> np.ndarray:
+    """Return the weights ``(2 half + 1,)`` of the slope of a local parabola, per sample."""
+    n = np.arange(-half, half + 1, dtype=float)
+    return n / float(n @ n)
+
+
+def averaging_weights(half: int) -> np.ndarray:
+    """Return the weights ``(2 half,)`` of the increments between samples in such a slope."""
+    return -np.cumsum(slope_weights(half))[:-1]
+
+
+def windows(values: np.ndarray, width: int, rows: np.ndarray) -> np.ndarray:
+    """Return the windows of ``width`` samples that begin at ``rows``."""
+    return np.lib.stride_tricks.sliding_window_view(values, width)[rows]
+
+
+def noise_of(values: np.ndarray) -> float:
+    """Return the standard deviation of the white noise of a channel, from the residuals of local
+    quartics. The median of the residuals is robust against single jumps.
+
+    ``values (N,)`` have equal steps.
+    """
+    from scipy.signal import savgol_coeffs, savgol_filter
+
+    width = 9
+    if len(values) < 3 * width:
+        return float(np.std(np.diff(values)) / math.sqrt(2.0))
+    residual = values - savgol_filter(values, width, 4)
+    residual_share = 1.0 - float(savgol_coeffs(width, 4)[width // 2])
+    # 1.4826 times the median of the sizes is the standard deviation of normal noise
+    return float(1.4826 * np.median(np.abs(residual)) / math.sqrt(residual_share))
+
+
+def _signal_noise_levels(
+    noise: Mapping[str, float],
+    kernel: np.ndarray,
+    half: int,
+    c: Mapping[str, np.ndarray],
+    s: Mapping[str, np.ndarray],
+) -> dict[str, float]:
+    """Return the standard deviations of the signals of terms after smoothing and averaging.
+
+    ``noise`` maps a channel to the standard deviation of its noise. ``kernel`` are the weights of
+    the averaging of the forces, ``half`` is the half-width of the smoothing window, samples, and
+    ``c`` and ``s`` are the constants of the airframe and the channels, ``(N - 1,)`` each.
+    """
+    from scipy.signal import savgol_coeffs
+
+    smooth = np.convolve(kernel, savgol_coeffs(max(2 * half + 1, 7), 4))
+    remaining_share = math.sqrt(float(np.sum(smooth**2)))
+    speed = float(np.mean(s["airspeed"]))
+    lengths = {name: float(np.mean(c[key])) for name, key in REFERENCE_LENGTHS.items()}
+    scale = {name: 0.5 * length / speed for name, length in lengths.items()}
+    return {
+        name: noise[name] * remaining_share * scale.get(name, 1.0)
+        for name in ("alpha", "beta", *REFERENCE_LENGTHS)
+    }
+
+
+def _force_noise_levels(
+    noise: Mapping[str, float],
+    kernel: np.ndarray,
+    half: int,
+    step: float,
+    position: tuple[float, float, float],
+) -> dict[str, float]:
+    """Return the standard deviations of the averaged specific forces at the centre of gravity,
+    m/s2.
+
+    The noise is that of the accelerometers, and that of the rates, whose slopes correct for the
+    ``position`` of the accelerometers, m from the centre of gravity.
+    """
+    from scipy.signal import savgol_coeffs
+
+    force_share = math.sqrt(float(np.sum(kernel**2)))
+    smooth = np.convolve(kernel, savgol_coeffs(max(2 * half + 1, 7), 4))
+    sloped = np.convolve(smooth, np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / (12.0 * step))
+    rate_share = math.sqrt(float(np.sum(sloped**2)))
+    x, y, z = position
+    p, q, r = (rate_share * noise[name] for name in "pqr")
+    by_rates = {"ax": (z * q, y * r), "ay": (x * r, z * p), "az": (x * q, y * p)}
+    return {
+        name: math.hypot(force_share * noise[name], math.hypot(*parts))
+        for name, parts in by_rates.items()
+    }
+
+
+def _coefficient_sigmas(
+    force_sigmas: Mapping[str, float],
+    noise: Mapping[str, float],
+    slope: np.ndarray,
+    c: Mapping[str, np.ndarray],
+    s: Mapping[str, np.ndarray],
+    at: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """Return coefficient -> standard deviation ``(M,)`` due to white noise of the channels.
+
+    ``force_sigmas`` is the result of `_force_noise_levels`, ``slope`` are the weights of the slope
+    of a window, 1/s, and ``at (M,)`` the centres of the windows.
+    """
+    qS_windows = (0.5 * c["air_density"] * s["airspeed"] ** 2 * c["wing_area"])[at]
+    sloped = math.sqrt(float(slope @ slope))
+    m = c["mass"][at]
+    ax, ay, az = (m * force_sigmas[name] / qS_windows for name in ("ax", "ay", "az"))
+    Ix, Iy, Iz, Ixz = (c[name][at] for name in _INERTIAS)
+    b, chord = c["span"][at], c["chord"][at]
+    x, y, z = (c[name][at] for name in ("cg_x", "cg_y", "cg_z"))
+    sine, cosine = np.sin(s["alpha"][at]), np.cos(s["alpha"][at])
+    roll = np.hypot(Ix * noise["p"], Ixz * noise["r"]) * sloped / (qS_windows * b)
+    yaw = np.hypot(Iz * noise["r"], Ixz * noise["p"]) * sloped / (qS_windows * b)
+    pitch = Iy * noise["q"] * sloped / (qS_windows * chord)
+    return {
+        "CX": ax,
+        "CY": ay,
+        "CZ": az,
+        "CD": np.hypot(ax * cosine, az * sine),
+        "CL": np.hypot(ax * sine, az * cosine),
+        "Cl": np.sqrt(roll**2 + (y * az / b) ** 2 + (z * ay / b) ** 2),
+        "Cm": np.sqrt(pitch**2 + (z * ax / chord) ** 2 + (x * az / chord) ** 2),
+        "Cn": np.sqrt(yaw**2 + (x * ay / b) ** 2 + (y * ax / b) ** 2),
+    }
+
+
+# ---- Histories of the coefficients
 
 BODY, WIND, MOMENTS = ("CX", "CY", "CZ"), ("CD", "CY", "CL"), ("Cl", "Cm", "Cn")
 DERIVATIVE_BANDWIDTH = 3.0  # Hz, half-power bandwidth of the smoothed derivative
@@ -120,10 +272,8 @@ class Histories:
         coefficient_errors = self.coefficient_noise(axis)
         for row, (name, std) in zip(coefficient_errors, self.signal_noise.items(), strict=True):
             terms = {term: value for term, value in table.items() if name in term.signals}
-            if std == 0.0:
-                continue
-            if not terms:
-                total += row**2
+            if std == 0.0 or not terms:
+                total += 0.0 if std == 0.0 else row**2
                 continue
             changed = (
                 replace(
@@ -188,7 +338,8 @@ def histories_of(
     smooth = _smooth(channels, half)
     jumps = _acceleration_jumps(channels, smooth, surfaces, step) if held else {}
     s = _at_centre_of_gravity(smooth, airframe, step, jumps)
-    c = {key: np.broadcast_to(np.asarray(v, float), time.shape) for key, v in _constants(airframe)}
+    constants = {**_DEFAULT_CONSTANTS, **airframe.constants}
+    c = {key: np.broadcast_to(np.asarray(v, float), time.shape) for key, v in constants.items()}
     rows = np.arange(0, len(time) - 2 * half, half)
     kernel = averaging_weights(half)
     at = rows + half
@@ -209,7 +360,11 @@ def histories_of(
         for axis in airframe.axes[:3]
     }
     c = {key: _on_intervals(row) for key, row in c.items()}
-    s = _motion_on_intervals(s, jumps, step)
+    slope_jumps = {key: 2.0 * step * row for key, row in jumps.items()}
+    s = {
+        key: _on_intervals(row, slope_jumps.get(key, 0.0), smooth=key in _SMOOTHED_CHANNELS)
+        for key, row in s.items()
+    }
     T = _on_intervals(T, held=held)
     surface_signals = {key: _on_intervals(row, held=held) for key, row in surfaces.items()}
     signals = {**_common_signals(s, c), **surface_signals}
@@ -217,10 +372,13 @@ def histories_of(
     coefficients |= _moments(s, c, angular_acceleration, mean, at, T)
     noises = {key: noise_of(channels[key]) for key in NEEDED_CHANNELS}
     position = airframe.sensors.get("accelerometer", _ZERO)
-    sigma = coefficient_sigmas(
-        force_noise_levels(noises, force_kernel, half, step, position), noises, slope, c1, s1, at
+    sigma = _coefficient_sigmas(
+        _force_noise_levels(noises, force_kernel, half, step, position), noises, slope, c1, s1, at
     )
-    signal_noise = signal_noise_levels(noises, force_kernel, half, c1, s1)
+    signal_noise = _signal_noise_levels(noises, force_kernel, half, c1, s1)
+    slopes = {}
+    if airframe.wind_axes:
+        slopes = {"CD": {"alpha": coefficients["CL"]}, "CL": {"alpha": -coefficients["CD"]}}
     return Histories(
         name,
         time[at],
@@ -232,30 +390,8 @@ def histories_of(
         rows,
         bandwidth_of(half, 1.0 / step),
         signal_noise,
-        _slopes_by_alpha(airframe, coefficients),
+        slopes,
     )
-
-
-def _motion_on_intervals(
-    s: Mapping[str, np.ndarray], jumps: Mapping[str, np.ndarray], step: float
-) -> dict[str, np.ndarray]:
-    """Return channel -> ``(3, N - 1)``, as `_on_intervals`. ``jumps`` are those of
-    `_acceleration_jumps`.
-    """
-    slope_jumps = {key: 2.0 * step * row for key, row in jumps.items()}
-    return {
-        key: _on_intervals(row, slope_jumps.get(key, 0.0), smooth=key in _SMOOTHED_CHANNELS)
-        for key, row in s.items()
-    }
-
-
-def _slopes_by_alpha(
-    airframe: Airframe, coefficients: Mapping[str, np.ndarray]
-) -> dict[str, dict[str, np.ndarray]]:
-    """Return `Histories.slopes`: in wind axes, alpha turns measured forces into lift and drag."""
-    if not airframe.wind_axes:
-        return {}
-    return {"CD": {"alpha": coefficients["CL"]}, "CL": {"alpha": -coefficients["CD"]}}
 
 
 def _refuse_incomplete(
@@ -302,23 +438,12 @@ def _on_intervals(
     return np.array([first, middle, last])
 
 
-def _constants(airframe: Airframe) -> list[tuple[str, Any]]:
-    """Return the constants of an airframe, with defaults for those that it does not give."""
-    defaults = {"cg_x": 0.0, "cg_y": 0.0, "cg_z": 0.0, "thrust_arm": 0.0, "thrust_angle": 0.0}
-    return list({**defaults, "speed_of_sound": 340.294, **airframe.constants}.items())
-
-
 def _smooth(channels: Mapping[str, np.ndarray], half: int) -> dict[str, np.ndarray]:
-    """Return the channels without the noise above the bandwidth, by local polynomials of degree
-    4.
-    """
+    """Return the channels without noise above the bandwidth, by local polynomials of degree 4."""
     from scipy.signal import savgol_filter
 
     width = max(2 * half + 1, 7)
-    return {
-        **channels,
-        **{name: savgol_filter(channels[name], width, 4) for name in _SMOOTHED_CHANNELS},
-    }
+    return {**channels, **{k: savgol_filter(channels[k], width, 4) for k in _SMOOTHED_CHANNELS}}
 
 
 def _acceleration_jumps(
@@ -394,9 +519,7 @@ def _second_differences(values: np.ndarray, slope_jumps: np.ndarray | float) -> 
 def _common_signals(
     s: Mapping[str, np.ndarray], c: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Return the signals of terms that every aircraft has: flow angles, Mach number,
-    non-dimensional rates.
-    """
+    """Return the signals of every aircraft: flow angles, Mach number, non-dimensional rates."""
     half = 0.5 / s["airspeed"]
     return {
         "alpha": s["alpha"],
@@ -432,9 +555,7 @@ def _moments(
 ) -> dict[str, np.ndarray]:
     """Return the coefficients of the moments about the reference point, at the windows."""
     p, q, r = s["p"], s["q"], s["r"]
-    Ix, Iy, Iz, Ixz = (
-        c[name] for name in ("roll_inertia", "pitch_inertia", "yaw_inertia", "cross_inertia")
-    )
+    Ix, Iy, Iz, Ixz = (c[name] for name in _INERTIAS)
     qS = 0.5 * c["air_density"] * s["airspeed"] ** 2 * c["wing_area"]
     X = c["mass"] * s["ax"] - T * np.cos(c["thrust_angle"])
     Y = c["mass"] * s["ay"]
@@ -446,12 +567,11 @@ def _moments(
         "Cn": (Iy - Ix) * p * q + Ixz * q * r + (x * Y - y * X),
     }
     qS_windows, span, chord = qS[1, at], c["span"], c["chord"]
+    dp, dq, dr = (angular_acceleration[rate] for rate in "pqr")
     inertial_moments = {
-        "Cl": (Ix[1, at] * angular_acceleration["p"] - Ixz[1, at] * angular_acceleration["r"])
-        / (qS_windows * span[1, at]),
-        "Cm": Iy[1, at] * angular_acceleration["q"] / (qS_windows * chord[1, at]),
-        "Cn": (Iz[1, at] * angular_acceleration["r"] - Ixz[1, at] * angular_acceleration["p"])
-        / (qS_windows * span[1, at]),
+        "Cl": (Ix[1, at] * dp - Ixz[1, at] * dr) / (qS_windows * span[1, at]),
+        "Cm": Iy[1, at] * dq / (qS_windows * chord[1, at]),
+        "Cn": (Iz[1, at] * dr - Ixz[1, at] * dp) / (qS_windows * span[1, at]),
     }
     return {
         axis: inertial_moments[axis] + mean(row / (qS * (chord if axis == "Cm" else span)))

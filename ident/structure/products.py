@@ -434,9 +434,7 @@ def autocovariances_of(
 def _scaled_inverse(
     parts: Sequence[np.ndarray], noise: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lengths of the columns, and the inverse of their products at unit length without
-    the noise of the signals.
-    """
+    """Return the lengths of the columns, and the noise-corrected inverse of their unit products."""
     gram = np.asarray(sum(part.T @ part for part in parts))
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     outer = np.outer(scale, scale)
@@ -449,9 +447,7 @@ def _lag_count(residuals: Sequence[np.ndarray]) -> int:
 
 
 def _lagged_products(parts: Sequence[np.ndarray], scale: np.ndarray, lags: int) -> list[np.ndarray]:
-    """Return for each lag the products ``(n, n)`` of the columns at unit length with themselves
-    shifted by the lag.
-    """
+    """Return for each lag the products ``(n, n)`` of the unit columns with their shifted copies."""
     pairs = [X / scale for X in parts]
     return [np.asarray(sum(X[: len(X) - lag].T @ X[lag:] for X in pairs)) for lag in range(lags)]
 

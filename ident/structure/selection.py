@@ -153,7 +153,7 @@ def stepwise(
     above = _parent_columns(products.terms, hierarchical)
     chosen, steps = _first_columns(products, first)
     seen: set[frozenset[int]] = set()
-    chosen = _without_unsupported(products, chosen, steps, above, F_IN, LEAST_VARIANCE_SHARE)
+    chosen = _without_unsupported(products, chosen, steps, above)
     while frozenset(chosen) not in seen:
         seen.add(frozenset(chosen))
         gains, sse = gains_of(products, chosen)
@@ -161,12 +161,12 @@ def stepwise(
         best = _first_best_column(gains) if len(gains) else -1
         F = partial_f_ratio(products, gains[best], sse - gains[best], len(chosen) + 1)
         if best < 0 or F_IN > F or gains[best] < products.least_gain(LEAST_VARIANCE_SHARE, sse):
-            chosen, exchanged = _with_exchange(products, chosen, above, F_IN)
+            chosen, exchanged = _with_exchange(products, chosen, above)
             steps += exchanged
             continue
         chosen = [*chosen, best]
         steps.append(_selection_step(products, chosen, best, True, F))
-        chosen = _without_unsupported(products, chosen, steps, above, F_IN, LEAST_VARIANCE_SHARE)
+        chosen = _without_unsupported(products, chosen, steps, above)
     return chosen, steps
 
 
@@ -194,14 +194,9 @@ def _without_unsupported(
     chosen: list[int],
     steps: list[SelectionStep],
     above: Sequence[frozenset[int]],
-    f_in: float,
-    least: float,
 ) -> list[int]:
     """Return the chosen columns without those that explain too little. Their removals are appended
-    to ``steps``.
-
-    ``above`` has for each column the columns of its parents, ``f_in`` is the smallest partial F
-    ratio, and ``least`` the smallest share of the variance.
+    to ``steps``. ``above`` has for each column the columns of its parents.
     """
     while len(chosen) > 2:
         losses, sse = losses_of(products, chosen)
@@ -209,7 +204,7 @@ def _without_unsupported(
         losses = [math.inf if i in needed else loss for i, loss in zip(chosen, losses, strict=True)]
         worst = int(np.argmin(losses))
         F = partial_f_ratio(products, losses[worst], sse, len(chosen))
-        if f_in <= F and losses[worst] >= 0.5 * products.least_gain(least, sse):
+        if F_IN <= F and losses[worst] >= 0.5 * products.least_gain(LEAST_VARIANCE_SHARE, sse):
             break
         removed = chosen[worst]
         chosen = [i for i in chosen if i != removed]
@@ -218,12 +213,12 @@ def _without_unsupported(
 
 
 def _with_exchange(
-    products: Products, chosen: list[int], above: Sequence[frozenset[int]], f_in: float
+    products: Products, chosen: list[int], above: Sequence[frozenset[int]]
 ) -> tuple[list[int], list[SelectionStep]]:
     """Return the chosen columns with one term exchanged for another, and the steps; unchanged where
     no exchange is better.
 
-    A term is exchanged for one that explains clearly more, by a partial F ratio of ``f_in``: the
+    A term is exchanged for one that explains clearly more, by a partial F ratio of ``F_IN``: the
     term may have entered because of an effect that a later term explains better. A term is also
     exchanged for a simpler one that does not explain significantly less: ``beta*mach`` for ``beta``
     if mach hardly changes, or ``rudder^3`` for ``rudder`` after pulses of one size.
@@ -239,7 +234,7 @@ def _with_exchange(
             more = partial_f_ratio(
                 products, gains[added] - gains[removed], sse - gains[added], len(chosen)
             )
-            swaps += [(more, removed, added)] if more > f_in else []
+            swaps += [(more, removed, added)] if more > F_IN else []
         for added in _simpler_columns(products.terms, removed):
             less = partial_f_ratio(
                 products, gains[removed] - gains[added], sse - gains[removed], len(chosen)
@@ -260,9 +255,7 @@ def _with_exchange(
 
 
 def _simpler_columns(terms: Sequence[Term], at: int) -> list[int]:
-    """Return the columns of terms that have only some of the signals of term ``at``, and of its
-    linear parents.
-    """
+    """Return the columns of terms with only some signals of term ``at`` and of its parents."""
     term, above = terms[at], parents(terms[at])
     return [
         i
@@ -452,10 +445,14 @@ def select(
         noise_squares = _noise_squares(histories, axis, table)
     residuals = columns.residuals(rows, chosen, values)
     losses, sum_of_squares = losses_of(products, chosen)
-    covariance, alternative = _reported_covariance(products, chosen, values, columns, rows, linear)
+    covariance, other = _reported_covariance(products, chosen, values, columns, rows, linear)
     sse = sum(float(e @ e) for e in residuals)
     n = float(products.counts.sum())
     noise, rms = math.sqrt(noise_squares / n), math.sqrt(sse / max(n - len(chosen), 1.0))
+    alternative = None
+    if other is not None:
+        added, removed = (None if i is None else terms[i] for i in (other.added, other.removed))
+        alternative = (added, removed, other.probability)
     selection = Selection(
         axis,
         method,
@@ -470,7 +467,7 @@ def select(
         rms,
         noise,
         confounders=tuple(terms[i] for i in chosen[strong:]),
-        alternative=None if alternative is None else _alternative_in_terms(alternative, terms),
+        alternative=alternative,
     )
     if not further or rms < LARGE_RESIDUAL_RATIO * noise:
         return selection
@@ -498,13 +495,6 @@ def _reported_covariance(
     )
 
 
-def _alternative_in_terms(
-    other: Alternative, terms: Sequence[Term]
-) -> tuple[Term | None, Term | None, float]:
-    added, removed = (None if i is None else terms[i] for i in (other.added, other.removed))
-    return added, removed, other.probability
-
-
 def _noise_squares(histories: Sequence[Histories], axis: str, table: Mapping[Term, float]) -> float:
     """Return the sum of squares due to sensor noise, in the coefficient ``axis`` and in the signals
     of its terms. ``table`` maps the terms to their values.
@@ -513,21 +503,17 @@ def _noise_squares(histories: Sequence[Histories], axis: str, table: Mapping[Ter
 
 
 def _with_lacking(
-    selection: Selection,
-    histories: Sequence[Histories],
-    further: Sequence[Term],
-    spread: float,
+    selection: Selection, histories: Sequence[Histories], further: Sequence[Term], spread: float
 ) -> Selection:
     """Return the selection with the terms that were not offered and explain its residual best."""
     all_terms = (*selection.terms, *further)
-    products = TermColumns.of(histories, selection.axis, all_terms).products(
-        histories, selection.axis
-    )
-    gains, sse = gains_of(products, list(range(len(selection.terms))))
+    axis, count = selection.axis, len(selection.terms)
+    products = TermColumns.of(histories, axis, all_terms).products(histories, axis)
+    gains, sse = gains_of(products, list(range(count)))
     significant = [
         (
             all_terms[i],
-            partial_f_ratio(products, gains[i], sse - gains[i], len(selection.terms) + 1),
+            partial_f_ratio(products, gains[i], sse - gains[i], count + 1),
             gains[i] / sse,
         )
         for i in np.argsort(gains)[::-1][:_MOST_LACKING]

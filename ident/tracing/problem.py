@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ident.statistics.periods import spectral_peaks, update_period
+from ident.statistics.noise_levels import spectral_peaks, update_period
 from ident.tracing.diagnosis import TraceSettings
 from ident.tracing.fitted_model import FitData, FittedModel, fit_set, start_from
 from ident.whole_record.layout import FitSettings

@@ -227,7 +227,7 @@ class Diagnosis:
 
     def to_state_space(self, pade: int = 4) -> control.StateSpace:
         """Return the declared model with ``parameters`` for python-control, without the effects."""
-        from ident.flying_qualities.state_space import to_control
+        from ident.flying_qualities.modes import to_control
         from scenarios.identification.files import linearised
         from sim.declaration.compile import compile_model
 

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     import control
     import pandas
 
-    from ident.flying_qualities.state_space import StateSpace
+    from ident.flying_qualities.modes import StateSpace
     from sim.declaration.proposal import Traceable
 
 
@@ -236,7 +236,7 @@ class Identification:
 
         A delay becomes a Pade approximation of order ``pade``.
         """
-        from ident.flying_qualities.state_space import to_control
+        from ident.flying_qualities.modes import to_control
 
         return to_control(self.linearised(), pade)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.compatibility.check import compatibility
 from ident.compatibility.signals import NO_AIRSPEED, measured_channels
-from ident.compatibility.six_degrees.signals import CHANNELS, WRAPPED, usable_channels
+from ident.compatibility.six_degrees.kinematics import CHANNELS, WRAPPED, usable_channels
 from ident.compatibility.trials import (
     CheckResult,
     Compatibility,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from ident.compatibility.kinematics import BOOM, PACKAGE, VANES
-from ident.compatibility.six_degrees.signals import CHANNELS
+from ident.compatibility.six_degrees.kinematics import CHANNELS
 from ident.compatibility.trials import (
     CheckResult,
     Compatibility,

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ident.flying_qualities.mode_levels import FlightPhase
+from ident.flying_qualities.levels import FlightPhase
 from ident.tracing.diagnosis import (
     NORMAL,
     Claim,

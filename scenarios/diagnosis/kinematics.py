@@ -473,7 +473,7 @@ def _with_used_channels(record: Record, relations: Relations) -> Record:
 
 def _measured(record: Record, relations: Relations) -> tuple[str, ...]:
     from ident.compatibility.signals import measured_channels
-    from ident.compatibility.six_degrees.signals import usable_channels
+    from ident.compatibility.six_degrees.kinematics import usable_channels
 
     return usable_channels(record) if relations.six else measured_channels(record)
 

@@ -47,7 +47,7 @@ from sim.errors import DeclarationError, ModelError
 from sim.record import Hold, Record
 
 if TYPE_CHECKING:
-    from ident.flying_qualities.mode_levels import FlightPhase
+    from ident.flying_qualities.levels import FlightPhase
     from scenarios.files.declarations import ColumnChoice
 
 AnyEffect = TypeVar("AnyEffect", bound=Effect)

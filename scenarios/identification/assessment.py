@@ -200,7 +200,7 @@ def profiled(
         else replace(system, parameters=system.parameters.with_values(known))
     )
     if estimate.method == "frequency-domain":
-        from ident.frequency_domain import fit as frequency
+        from ident.frequency_domain import output_error as frequency
         from ident.frequency_domain.output_error import FrequencySettings, frequency_fit
 
         found, _ = frequency_fit(

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.flying_qualities.mode_levels import FlightPhase, mode_levels
-from ident.flying_qualities.modes import LONGITUDINAL_STATES, level_flight
-from ident.flying_qualities.state_space import StateSpace, state_space
+from ident.flying_qualities.levels import FlightPhase, mode_levels
+from ident.flying_qualities.modes import LONGITUDINAL_STATES, StateSpace, level_flight, state_space
 from scenarios.files.measured.columns import all_simulated, identities, sidecar_path
 from scenarios.files.sources import InputFile, resolved, versions
 from scenarios.files.user_models import inputs_at_rest

@@ -110,7 +110,7 @@ from sim.record import Hold, Record
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from ident.flying_qualities.mode_levels import FlightPhase
+    from ident.flying_qualities.levels import FlightPhase
     from scenarios.files.declarations import ColumnChoice
     from scenarios.preparation.plan import Plan
     from scenarios.preparation.reading import PreparedData

@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from ident.estimate import Outcome
-from ident.flying_qualities.mode_levels import FlightPhase, mode_levels
+from ident.flying_qualities.levels import FlightPhase, mode_levels
 from ident.recording.series import measurable_noise
 from ident.statistics.noise_levels import sensor_noise, used_runs
 from ident.statistics.profile_likelihood import LEVEL, ProfileInterval

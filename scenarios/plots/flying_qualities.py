@@ -19,7 +19,7 @@ from ident.flying_qualities.stability_margins import (
     REQUIRED_GAIN,
     REQUIRED_PHASE,
 )
-from ident.frequency_response.envelopes import unnoticeable_envelopes
+from ident.frequency_response.transfer_function import unnoticeable_envelopes
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.plots.style import (
     BLACK,

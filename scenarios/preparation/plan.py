@@ -15,7 +15,7 @@ from scenarios.files.declarations import CHANNEL_UNITS, shortened_list
 from sim.errors import DeclarationError, time_span
 
 if TYPE_CHECKING:
-    from ident.flying_qualities.mode_levels import FlightPhase
+    from ident.flying_qualities.levels import FlightPhase
     from scenarios.files.declarations import ColumnChoice
     from scenarios.files.measured.columns import RecordFile
     from scenarios.files.sources import Source
@@ -232,7 +232,7 @@ def declared_phase(request: Request, vehicle: VehicleFile) -> FlightPhase:
     ------
     DeclarationError : the class or category is unknown, or the model is not that of an aircraft.
     """
-    from ident.flying_qualities.mode_levels import flight_phase_of
+    from ident.flying_qualities.levels import flight_phase_of
     from scenarios.files.user_models import is_of_aircraft
 
     is_aircraft = vehicle.model != "ballistic" and (

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from ident.flying_qualities.mode_levels import STANDARD, WORST_LEVEL, FlightPhase, ModeLevel
+from ident.flying_qualities.levels import STANDARD, WORST_LEVEL, FlightPhase, ModeLevel
 from ident.statistics.residuals import ResidualTest
 from scenarios.report.quantities import (
     derived_line,

@@ -12,20 +12,20 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm
 
-from ident.flying_qualities.modes import level_flight
-from ident.flying_qualities.state_space import state_space
+from ident.flying_qualities.modes import level_flight, state_space
 from ident.frequency_response import FrequencyResponses
-from ident.frequency_response.envelopes import PILOT_BAND, unnoticeable_envelopes
 from ident.frequency_response.model_fit import ModelFit, fit_model
 from ident.frequency_response.transfer_function import (
     ACCEPTABLE_COST,
     FORMS,
     NEARLY_PERFECT_COST,
+    PILOT_BAND,
     FittedResponse,
     ResponseTarget,
     TransferFit,
     fit_transfer_functions,
     form_of,
+    unnoticeable_envelopes,
 )
 from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import read_vehicle, refuse_unknown_model, vehicle_with_file

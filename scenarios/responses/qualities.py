@@ -25,8 +25,14 @@ from ident.flying_qualities.attitude_criteria import (
     pitch_bandwidth_level,
     pitch_overshoot,
 )
-from ident.flying_qualities.fitted_forms import form_levels, form_qualities
-from ident.flying_qualities.levels import CATEGORIES, CLASSES, Quality, QualityLevel
+from ident.flying_qualities.levels import (
+    CATEGORIES,
+    CLASSES,
+    Quality,
+    QualityLevel,
+    form_levels,
+    form_qualities,
+)
 from ident.flying_qualities.stability_margins import NORMAL_HALF_WIDTH
 from ident.frequency_response import FrequencyResponses
 from ident.frequency_response.transfer_function import FORMS, Form

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.structure.collinearity import HIGH_INDEX, HIGH_INFLATION
+from ident.structure.averaging import HIGH_INDEX, HIGH_INFLATION
 from ident.structure.products import columns_of
 from ident.structure.selection import F_IN, ORTHOGONAL, STEPWISE, Selection
 from scenarios.files.aircraft_files import vehicle_file_text

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ident.structure.averaging import Collinearity, collinearity_of, multiples_of
 from ident.structure.coefficients import (
     DERIVATIVE_BANDWIDTH,
     MOMENTS,
@@ -19,7 +20,6 @@ from ident.structure.coefficients import (
     filled,
     histories_of,
 )
-from ident.structure.collinearity import Collinearity, collinearity_of, multiples_of
 from ident.structure.products import TermColumns, columns_of, noise_columns
 from ident.structure.selection import ORTHOGONAL, STEPWISE, Selection, select
 from scenarios.files.aircraft_files import AXES, read_aircraft

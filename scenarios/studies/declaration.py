@@ -26,7 +26,7 @@ from sim.maneuvers import (
 )
 
 if TYPE_CHECKING:
-    from ident.flying_qualities.mode_levels import FlightPhase
+    from ident.flying_qualities.levels import FlightPhase
     from scenarios.files.sources import InputFile
     from sim.declaration.model import Model
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from ident.flying_qualities.mode_levels import flight_phase_of
+from ident.flying_qualities.levels import flight_phase_of
 from scenarios.files.aircraft_files import read_model_file
 from scenarios.files.declarations import checked, closest
 from scenarios.files.user_models import OwnModel, is_model_file, is_of_aircraft

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.estimate import Estimate
-from ident.flying_qualities.mode_levels import ModeLevel, mode_levels
+from ident.flying_qualities.levels import ModeLevel, mode_levels
 from ident.flying_qualities.modes import characteristics, modal_estimate
 from ident.statistics.intervals import Determination, clustered_share, determination
 from ident.statistics.residuals import ResidualTest, tests_of_records

@@ -21,8 +21,14 @@ from ident.frequency_domain.online import (
     empty_sums,
     online_equations,
 )
-from ident.frequency_domain.online_lag import LagStream, estimated, lag_stream, with_rows
-from ident.frequency_domain.online_regression import OnlineEstimate, estimate
+from ident.frequency_domain.online_regression import (
+    LagStream,
+    OnlineEstimate,
+    estimate,
+    estimated,
+    lag_stream,
+    with_rows,
+)
 from scenarios.files.user_models import channel_units, moves_about_rest
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.cautions import contradicted

@@ -16,8 +16,7 @@ from ident.banks.delays import (
     parabola_vertex,
     run_delay_bank,
 )
-from ident.banks.engines import BATCHED, ENGINES, BankEngine
-from ident.banks.iterated_bank import run_iterated_bank
+from ident.banks.engines import BATCHED, ENGINES, BankEngine, run_iterated_bank
 from ident.estimate import Estimate, Outcome
 from ident.filters.smoother import smooth
 from ident.statistics.noise_levels import noise_envelope

@@ -22,7 +22,7 @@ from ident.banks.engines import (
 )
 from ident.estimate import Estimate
 from ident.flying_qualities.levels import Quality, QualityLevel, levels, qualities
-from ident.frequency_response.multitaper import estimate_response, fit_response
+from ident.frequency_response.model_fit import estimate_response, fit_response
 from ident.statistics.residuals import Comparison, ResidualTest, compare_estimates, tests_of_records
 from scenarios.studies.catalogue import load_document
 from scenarios.x29.declaration import (

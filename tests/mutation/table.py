@@ -75,12 +75,12 @@ ONCE_UNNOTICED = (
     *changes(
         "ident/frequency_domain/output_error.py",
         FREQUENCY_FIT,
-        ("used = fit.counts.sum(axis=1) > 0", "used = fit.counts.sum(axis=1) >= 0"),
-        ("used = fit.counts.sum(axis=1) > 0", "used = fit.counts.sum(axis=1) > 1e9"),
-        ("used = fit.counts.sum(axis=1) > 0", "used = fit.counts.sum(axis=1) == 0"),
+        ("used = total > 0", "used = total >= 0"),
+        ("used = total > 0", "used = total > 1e9"),
+        ("used = total > 0", "used = total == 0"),
         (
-            "fit.levels * fit.counts, axis=1) / np.maximum(total, 1.0), 1.0",
-            "fit.levels * fit.counts, axis=1), 1.0",
+            "np.sum(fit.levels * fit.counts, axis=1) / np.maximum(total, 1.0)",
+            "np.sum(fit.levels * fit.counts, axis=1)",
         ),
     ),
     *changes(
@@ -319,7 +319,7 @@ IDENT = (
         ("return 0.1 * self.plausible", "return self.plausible"),
     ),
     *changes(
-        "ident/recording/spectra.py",
+        "ident/recording/inspection.py",
         ("tests/unit/ident/recording/test_levels.py",),
         (
             "gain = (2.0 * math.sin(math.pi * line_frequency * step)) ** 2",
@@ -387,14 +387,18 @@ IDENT = (
         ("- p[DELAY]", "+ p[DELAY]"),
     ),
     *changes(
-        "ident/flying_qualities/fitted_forms.py",
+        "ident/flying_qualities/levels.py",
         ("tests/unit/ident/flying_qualities/test_fitted_forms.py",),
         (
             "** 2 * inverse_time / p",
             "** 2 * inverse_time * p",
         ),
         ('p["inv_T_theta2"] / inverse_time', 'p["inv_T_theta2"] * inverse_time'),
-        ("(2.0 * step))", "step)"),
+    ),
+    *changes(
+        "ident/flying_qualities/attitude_criteria.py",
+        ("tests/unit/ident/flying_qualities/test_fitted_forms.py",),
+        ("row @ function.covariance @ row", "row @ row"),
     ),
     *changes(
         "ident/flying_qualities/stability_margins.py",
@@ -410,7 +414,7 @@ IDENT = (
         ("0.5 * (1.0 - CONFIDENCE) / len(known)", "0.5 * (1.0 - CONFIDENCE)"),
     ),
     *changes(
-        "ident/frequency_response/multitaper.py",
+        "ident/frequency_response/model_fit.py",
         ("tests/unit/ident/frequency_response/test_multitaper.py",),
         ("np.abs(zero_order_hold) ** 2", "np.abs(zero_order_hold)"),
     ),
@@ -440,7 +444,7 @@ IDENT = (
         ),
     ),
     *changes(
-        "ident/frequency_domain/online_lag.py",
+        "ident/frequency_domain/online_regression.py",
         ("tests/unit/ident/frequency_domain/test_online.py",),
         ("second_decay * (1.0 - first_decay)", "(1.0 - first_decay)"),
         ("integral = area - delta / lag", "integral = area + delta / lag"),

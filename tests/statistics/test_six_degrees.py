@@ -9,8 +9,12 @@ import pytest
 
 from ident.compatibility.check import compatibility
 from ident.compatibility.kinematics import BIAS, SensorFault
-from ident.compatibility.six_degrees.kinematics import faults_of, unknowns_of
-from ident.compatibility.six_degrees.signals import prepared_signals, usable_channels
+from ident.compatibility.six_degrees.kinematics import (
+    faults_of,
+    prepared_signals,
+    unknowns_of,
+    usable_channels,
+)
 from ident.compatibility.trials import Compatibility, CompatibilitySettings
 from tests.oracles.six_degrees import LATERAL, SPEED, WHOLE, Faults, fly, shown
 from tests.unit.ident.compatibility.six_degrees.planting import planted, size_of

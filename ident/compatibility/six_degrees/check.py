@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -14,32 +13,40 @@ from ident.compatibility.fault_sets import (
     penalty_per_fault,
     probabilities,
 )
-from ident.compatibility.fitting import difference_in_sigmas
-from ident.compatibility.instruments import instruments_of
-from ident.compatibility.kinematics import BOOM, DELAY, DRIFT, LAG, PACKAGE, SensorFault
-from ident.compatibility.signals import NO_AIRSPEED, KinematicSignals, spike_notes
-from ident.compatibility.six_degrees.biases import bias_estimates, bias_findings
+from ident.compatibility.fitting import (
+    KinematicFit,
+    difference_in_sigmas,
+    instruments_of,
+    projected_whitener,
+)
+from ident.compatibility.kinematics import BIAS, BOOM, DELAY, DRIFT, LAG, PACKAGE, SensorFault
+from ident.compatibility.signals import NO_AIRSPEED, KinematicSignals, spike_notes, whitener
 from ident.compatibility.six_degrees.fitting import (
+    FaultLinearisation,
     NormalEquations,
     fit,
+    gradient_covariance,
     linearise_faults,
     output_error_equations,
+    output_error_gram,
     sum_of_equations,
 )
-from ident.compatibility.six_degrees.kinematics import faults_of
-from ident.compatibility.six_degrees.linearised_sets import fit_sets, timed_channels
+from ident.compatibility.six_degrees.kinematics import (
+    BEYOND_LONGITUDINAL,
+    WINGS_LEVEL_NOTE,
+    faults_of,
+    prepared_signals,
+    relations,
+    unknowns_of,
+    usable_channels,
+)
 from ident.compatibility.six_degrees.search import (
     SECANT_STEP,
     SixDegreeSearch,
     confusable_faults,
+    fit_sets,
     search,
-)
-from ident.compatibility.six_degrees.signals import (
-    BEYOND_LONGITUDINAL,
-    WINGS_LEVEL_NOTE,
-    prepared_signals,
-    relations,
-    usable_channels,
+    timed_channels,
 )
 from ident.compatibility.trials import (
     CheckResult,
@@ -52,7 +59,118 @@ from ident.compatibility.trials import (
     reconstructions_of,
 )
 from ident.compatibility.unobservable import unobservable_faults
+from ident.statistics.intervals import bounded_inverse
 from sim.record import Record
+
+# ---- Biases of the sensors in each record
+
+
+def bias_estimates(kinematic_fit: KinematicFit, r: int) -> tuple[SensorEstimate, ...]:
+    """Return the biases of record ``r`` by output error and by the smoother. Output error starts
+    at the smoother fit and does one step.
+    """
+    s, own = kinematic_fit.signals[r], kinematic_fit.own[r]
+    unknowns, n = unknowns_of(s), len(own)
+    prior = np.array([item.prior**-2 for item in unknowns] + [0.0] * len(kinematic_fit.faults))
+    slopes = np.where(s.valid[:, :, None], kinematic_fit.jacobians[r], 0.0)
+    white = projected_whitener(s, kinematic_fit.noise)(slopes)
+    innovations = whitener(s, kinematic_fit.noise)(kinematic_fit.residuals[r][:, :, None])[:, :, 0]
+    flat = white.reshape(-1, white.shape[2])
+    inverse = bounded_inverse(flat.T @ flat + np.diag(prior))
+    scatter = np.diag(prior) + sum(
+        gradient_covariance(columns, e) for columns, e in zip(white, innovations, strict=True)
+    )
+    variances = np.maximum(np.diag(inverse @ scatter @ inverse), np.diag(inverse))
+    gram, gradient, output_error_scatter = output_error_gram(
+        s,
+        kinematic_fit,
+        r,
+        np.concatenate([slopes, kinematic_fit.residuals[r][:, :, None]], axis=2),
+    )
+    gradient[:n] -= prior[:n] * own
+    output_error_inverse = bounded_inverse(gram + np.diag(prior))
+    step = output_error_inverse @ gradient
+    output_error_variances = np.diag(
+        output_error_inverse @ (output_error_scatter + np.diag(prior)) @ output_error_inverse
+    )
+    estimates = []
+    for i, item in enumerate(unknowns):
+        if item.key[1] == BIAS:
+            fault = SensorFault(item.key[0], BIAS)
+            value, variance = float(own[i]), float(variances[i])
+            output_error_value = float(own[i] + step[i])
+            output_error_variance = max(float(output_error_variances[i]), variance)
+            determined = 0.0 < variance < fault.plausible**2
+            gain = 0.5 * value**2 / variance if variance > 0 else 0.0
+            estimates.append(
+                _estimate_by_both(
+                    fault,
+                    (output_error_value, output_error_variance),
+                    (value, variance),
+                    gain,
+                    determined=determined,
+                )
+            )
+    return tuple(estimates)
+
+
+def bias_findings(
+    linear: FaultLinearisation, r: int, estimates: Sequence[SensorEstimate], false_alarm: float
+) -> tuple[SensorFinding, ...]:
+    """Return the biases of record ``r`` that are large and significant, each with the faults that
+    explain the record equally well. ``false_alarm`` is the probability of any false finding.
+    """
+    findings = []
+    for item in estimates:
+        fault, size = SensorFault(item.channel, BIAS), item.smoother
+        # Only the excess over the smallest finding counts: the rotation and curvature of the earth
+        # and the decrease of gravity with height cause smaller biases.
+        excess = max(abs(size.value) - fault.smallest_finding, 0.0)
+        p = p_value(0.5 * (excess / size.std) ** 2, excess, fault)
+        if item.determined and item.agrees and p * len(estimates) < false_alarm:
+            group = faults_instead_of_bias(linear, r, item.channel, false_alarm)
+            findings.append(SensorFinding.of(fault, size, item.gain, supported=True, group=group))
+    return tuple(findings)
+
+
+def faults_instead_of_bias(
+    linear: FaultLinearisation, r: int, channel: str, false_alarm: float
+) -> tuple[str, ...]:
+    """Return the names of the faults that explain record ``r``, in addition to the accepted ones,
+    as well as the bias of a channel does.
+    """
+    information, gradient = linear.full_equations[r]
+    own, faults = linear.fit.own[r], linear.faults
+    n = len(own)
+    b = [item.key for item in unknowns_of(linear.fit.signals[r])].index((channel, BIAS))
+    members = [n + faults.index(fault) for fault in linear.fit.faults]
+    gain_with_bias, _, _ = _gain_value_variance([*range(n), *members], information, gradient)
+    # The bias is set to zero by a step of minus its value.
+    others = [*(i for i in range(n) if i != b), *members]
+    gradient_without = gradient + information[:, b] * own[b]
+    loss_without = gradient[b] * own[b] + 0.5 * information[b, b] * own[b] ** 2
+    losses = []
+    for j, fault in enumerate(faults):
+        if n + j not in members and information[n + j, n + j] > 0:
+            gain, size, variance = _gain_value_variance(
+                [*others, n + j], information, gradient_without
+            )
+            notable = fault.smallest_finding < abs(size) < fault.largest
+            possible_sign = size > 0 or not fault.one_sided
+            if notable and possible_sign and variance < fault.plausible**2:
+                losses.append((gain_with_bias - gain + loss_without, fault.name))
+    chance_loss = largest_chance_loss(false_alarm, len(faults))
+    return tuple(name for loss, name in sorted(losses) if loss <= chance_loss)
+
+
+def _gain_value_variance(
+    free: Sequence[int], information: np.ndarray, gradient: np.ndarray
+) -> tuple[float, float, float]:
+    """Return the gain of log likelihood by ``free``, and value and variance of the last one."""
+    inverse = bounded_inverse(information[np.ix_(free, free)])
+    values = inverse @ gradient[list(free)]
+    return 0.5 * float(values @ gradient[list(free)]), float(values[-1]), float(inverse[-1, -1])
+
 
 _REGULARISATION = 1e-9  # added to the unit diagonal of scaled information before its inversion
 
@@ -77,26 +195,39 @@ def estimates_and_findings(
         shares = probabilities([(faults[j], estimates[j].smoother, loss) for j, loss in group])
         for j, loss in group:
             if j not in named and accepted_and_loss[j][0] == group[0][0]:
-                others = tuple(name for name in names if name != faults[j].name)
-                finding = _finding(estimates[j], faults[j], others, loss, supported=True)
-                leader = "" if j == group[0][0] else names[0]
-                findings.append(replace(finding, probabilities=shares, instead_of=leader))
+                finding = SensorFinding.of(
+                    faults[j],
+                    estimates[j].smoother,
+                    estimates[j].gain,
+                    supported=True,
+                    group=tuple(name for name in names if name != faults[j].name),
+                    lost=loss,
+                    probabilities=shares,
+                    instead_of="" if j == group[0][0] else names[0],
+                )
+                findings.append(finding)
                 named.add(j)
     not_accepted = sorted(
         (j for j in search_result.common if j not in named), key=lambda j: estimates[j].p_value
     )
     for j in not_accepted:
-        finding = _finding(estimates[j], faults[j], (), losses[j], supported=False)
         same_delay = [i for i in search_result.accepted if delay_same_channel(faults[i], faults[j])]
-        finding = replace(finding, instead_of=faults[same_delay[0]].name if same_delay else "")
-        findings.append(replace(finding, replicates=j not in search_result.refused))
+        finding = SensorFinding.of(
+            faults[j],
+            estimates[j].smoother,
+            estimates[j].gain,
+            supported=False,
+            group=(),
+            lost=losses[j],
+            instead_of=faults[same_delay[0]].name if same_delay else "",
+            replicates=j not in search_result.refused,
+        )
+        findings.append(finding)
     return tuple(estimates.values()), tuple(findings)
 
 
 def _accepted_and_loss(search_result: SixDegreeSearch) -> dict[int, tuple[int, float]]:
-    """Return for each fault that is accepted, or may be confused with an accepted one, the accepted
-    fault and the loss of log likelihood against it.
-    """
+    """Return for each grouped fault its accepted fault and the loss of log likelihood."""
     groups = list(zip(search_result.accepted, search_result.groups, strict=True))
     confusable = {j: (i, loss) for i, group in reversed(groups) for j, loss in group}
     return confusable | {i: (i, 0.0) for i in search_result.accepted}
@@ -105,9 +236,7 @@ def _accepted_and_loss(search_result: SixDegreeSearch) -> dict[int, tuple[int, f
 def _context(
     search_result: SixDegreeSearch, j: int, accepted_and_loss: dict[int, tuple[int, float]]
 ) -> tuple[list[int], float | None]:
-    """Return the set in which fault ``j`` is tested, with ``j`` last, and its loss of log
-    likelihood if it replaces an accepted fault; else None.
-    """
+    """Return the set in which fault ``j`` is tested, ``j`` last, and its loss as replacement."""
     faults, accepted = search_result.linear.faults, search_result.accepted
     if j in accepted_and_loss:
         replaced, loss = accepted_and_loss[j]
@@ -119,9 +248,7 @@ def _context(
     members = [*(k for k in accepted if k != i), j]
     if (i, j) in search_result.exchange_losses:
         return members, max(search_result.exchange_losses[i, j], 0.0) / search_result.widening
-    pair = fit_sets(
-        search_result.linear.joint, faults, np.array([[*members[:-1], i], members]), early=False
-    )
+    pair = fit_sets(search_result.linear.joint, faults, [[*members[:-1], i], members])
     return members, float(pair.gain[0] - pair.gain[1]) / search_result.widening
 
 
@@ -134,9 +261,9 @@ def _estimate(
 ) -> SensorEstimate:
     """Return the estimate of fault ``j``, the last of the set ``context``, by both methods."""
     fault, members = faults[j], np.array([context])
-    with_fault = fit_sets(smoother, faults, members, early=False)
-    without = fit_sets(smoother, faults, members[:, :-1], early=False)
-    other_estimate = fit_sets(output_error, faults, members, early=False)
+    with_fault = fit_sets(smoother, faults, members)
+    without = fit_sets(smoother, faults, members[:, :-1])
+    other_estimate = fit_sets(output_error, faults, members)
     size, variance = float(with_fault.sizes[0, -1]), float(with_fault.variances[0, -1])
     determined = 0.0 < variance < fault.plausible**2 and smoother.information[j, j] > 0
     widening = float(with_fault.widening[0, -1])
@@ -144,22 +271,28 @@ def _estimate(
     gain = max(float(with_fault.gain[0] - without.gain[0]), 0.0) / widening
     other_size = float(np.clip(other_estimate.sizes[0, -1], -fault.largest, fault.largest))
     size = float(np.clip(size, -fault.largest, fault.largest))
-    difference = 0.0
-    if determined:
-        difference = difference_in_sigmas(other_size, other_variance, size, variance)
-    quantities = (
-        FaultQuantity(other_size + fault.offset, math.sqrt(other_variance)),
-        FaultQuantity(size + fault.offset, math.sqrt(max(variance, 0.0))),
+    return _estimate_by_both(
+        fault, (other_size, other_variance), (size, variance), gain, determined=determined
     )
-    return SensorEstimate(
-        fault.name,
-        fault.channel,
-        fault.kind,
-        fault.unit,
-        *quantities,
+
+
+def _estimate_by_both(
+    fault: SensorFault,
+    output_error: tuple[float, float],
+    smoother: tuple[float, float],
+    gain: float,
+    *,
+    determined: bool,
+) -> SensorEstimate:
+    """Return the estimate of a fault from its size and variance by each of the methods."""
+    difference = difference_in_sigmas(*output_error, *smoother) if determined else 0.0
+    return SensorEstimate.of(
+        fault,
+        FaultQuantity.of(fault, *output_error),
+        FaultQuantity.of(fault, *smoother),
         difference,
         gain,
-        p_value(gain, size, fault),
+        p_value(gain, smoother[0], fault),
         determined,
     )
 
@@ -173,30 +306,6 @@ def _sandwich(normal: NormalEquations, context: Sequence[int]) -> float:
         normal.information[block] * np.outer(scale, scale) + _REGULARISATION * np.eye(len(scale))
     ) * np.outer(scale, scale)
     return float(inverse[-1] @ normal.scatter[block] @ inverse[-1])
-
-
-def _finding(
-    item: SensorEstimate,
-    fault: SensorFault,
-    group: tuple[str, ...],
-    lost: float | None,
-    *,
-    supported: bool,
-) -> SensorFinding:
-    size = item.smoother
-    return SensorFinding(
-        fault.channel,
-        fault.kind,
-        size.value,
-        size.std,
-        fault.unit,
-        item.gain,
-        supported,
-        group,
-        fault.name,
-        True,
-        lost,
-    )
 
 
 def estimates_of_record(search_result: SixDegreeSearch, r: int) -> tuple[SensorEstimate, ...]:
@@ -229,15 +338,14 @@ def drift_finding(
     drifts = [j for j, fault in enumerate(faults) if fault.kind == DRIFT]
     # This selection takes the noise as white: a drift itself makes residuals coloured.
     sets = fit_sets(
-        replace(linear.smoother[r], scatter=linear.smoother[r].information),
+        linear.smoother[r]._replace(scatter=linear.smoother[r].information),
         faults,
-        np.array([[*members, j] for j in drifts]),
-        early=False,
+        [[*members, j] for j in drifts],
     )
     gains = np.where(sets.sound, sets.gain, 0.0)
     j = drifts[int(np.argmax(gains))]
     penalty = penalty_per_fault(false_alarm, len(drifts))
-    if float(np.max(gains)) - _gain_of(linear.smoother[r], faults, members) < penalty:
+    if float(np.max(gains) - fit_sets(linear.smoother[r], faults, [members]).gain[0]) < penalty:
         return ()
     record_fit = replace(linear.fit, signals=(linear.fit.signals[r],), own=(linear.fit.own[r],))
     with_drift = linearise_faults(
@@ -257,20 +365,12 @@ def drift_finding(
     rivals = confusable_faults(
         with_drift, (*members, j), j, largest_chance_loss(false_alarm, len(drifts)), drifts
     )
-    return (_finding(item, faults[j], tuple(faults[k].name for k in rivals), 0.0, supported=True),)
-
-
-def _gain_of(
-    normal: NormalEquations, faults: Sequence[SensorFault], members: Sequence[int]
-) -> float:
-    """Return the gain of log likelihood by a set of faults."""
-    fault_sets = np.array([members], dtype=int).reshape(1, -1)
-    return float(fit_sets(normal, faults, fault_sets, early=False).gain[0])
-
-
-def channels_with_delay(faults: Sequence[SensorFault]) -> set[str]:
-    """Return the channels that have a delay or lag among these faults."""
-    return {fault.channel for fault in faults if fault.kind in (DELAY, LAG)}
+    group = tuple(faults[k].name for k in rivals)
+    return (
+        SensorFinding.of(
+            faults[j], item.smoother, item.gain, supported=True, group=group, lost=0.0
+        ),
+    )
 
 
 # ---- Data compatibility in six degrees of freedom of records of one set of sensors
@@ -310,8 +410,13 @@ def check(
     joint, single = _joint_and_single(search_result, settings.false_alarm, each=each)
     notes += _notes(search_result, signals)
     final = search_result.linear.fit
+    named = {name for names in related.values() for name in names}
     unobservable = (
-        *_channels_without_relation(channels, related),
+        *(
+            f"{name}: cannot be checked, no relation among the recorded channels contains it"
+            for name in channels
+            if name not in named
+        ),
         *_unobservable(search_result, signals[0], settings.false_alarm),
         STEADY_WIND,
     )
@@ -332,9 +437,7 @@ def _signals_and_notes(
     related: dict[str, tuple[str, ...]],
     settings: CompatibilitySettings,
 ) -> tuple[tuple[KinematicSignals, ...], list[str]]:
-    """Return the signals of each record, and sentences on changes of the channels and on missing
-    relations. ``related`` has the usable relations.
-    """
+    """Return the signals of each record, and sentences on channels and missing relations."""
     prepared = [
         prepared_signals(record, channels, settings.airspeed, settings.gravity, settings.vane_arm)
         for record in records
@@ -360,9 +463,7 @@ def _signals_and_notes(
 def _joint_and_single(
     search_result: SixDegreeSearch, false_alarm: float, *, each: bool
 ) -> tuple[CheckResult, tuple[CheckResult, ...]]:
-    """Return the result of all records together and those of single records; the latter are empty
-    for several records unless ``each`` is True.
-    """
+    """Return the result of all records together and, where wanted, those of single records."""
     estimates, findings = estimates_and_findings(search_result)
     final = search_result.linear.fit
     noise, names = final.noise, tuple(s.name for s in final.signals)
@@ -400,9 +501,7 @@ def _findings_of_record(
     false_alarm: float,
     count: int,
 ) -> tuple[SensorFinding, ...]:
-    """Return the findings of biases and of a drift in record ``r`` of ``count`` records. A bias
-    that may be confused with the drift is left out.
-    """
+    """Return the drift of record ``r``, and the biases that are not confusable with it."""
     drift = drift_finding(search_result, r, false_alarm / count)
     drifts = {finding.name for finding in drift}
     return (
@@ -425,7 +524,8 @@ def _notes(search_result: SixDegreeSearch, signals: Sequence[KinematicSignals]) 
             "than any sensor fault: most likely a gust on vane and load, which the kinematics do "
             "not include, so that no further fault is named"
         )
-    delayed = channels_with_delay([search_result.linear.faults[i] for i in search_result.accepted])
+    accepted = [search_result.linear.faults[i] for i in search_result.accepted]
+    delayed = {fault.channel for fault in accepted if fault.kind in (DELAY, LAG)}
     on_time = [name for name in timed_channels(tuple(signals[0].channels)) if name not in delayed]
     if delayed & set(timed_channels(tuple(signals[0].channels))) and on_time:
         notes.append(
@@ -454,15 +554,3 @@ def _unobservable(
 
 def _has_fault(name: str, faults: Sequence[SensorFault]) -> bool:
     return any(fault.channel == name for fault in faults)
-
-
-def _channels_without_relation(
-    channels: Sequence[str], related: dict[str, tuple[str, ...]]
-) -> tuple[str, ...]:
-    """Return a sentence on each channel that is in no relation."""
-    named = {name for names in related.values() for name in names}
-    return tuple(
-        f"{name}: cannot be checked, no relation among the recorded channels contains it"
-        for name in channels
-        if name not in named
-    )

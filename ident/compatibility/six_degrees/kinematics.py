@@ -30,7 +30,7 @@ The terms of any other load that is not recorded are zero.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,7 +43,6 @@ from ident.compatibility.kinematics import (
     BOOM,
     DELAY,
     DRIFT,
-    FIRST_SAMPLES,
     LAG,
     PACKAGE,
     RIGHT,
@@ -51,16 +50,126 @@ from ident.compatibility.kinematics import (
     SensorFault,
     Unknown,
     Values,
+    columns_of,
     cumulative,
     difference_step,
+    initial_state,
     midpoints,
     sensor_reading,
     true_increments,
     true_samples,
 )
-from ident.compatibility.signals import KinematicSignals
-from ident.compatibility.six_degrees.signals import HEIGHTS, load_on
+from ident.compatibility.signals import KinematicSignals, bridged_channels, joined_signals
+from sim.errors import RecordError
 from sim.maths import G0
+from sim.record import Record
+
+# ---- Signals of a record, and the relations between its channels
+
+HEIGHTS = ("height", "altitude")
+AXES: Mapping[str, tuple[str, ...]] = {"x": ("ax", "nx"), "y": ("ay", "ny"), "z": ("nz", "az")}
+_LONGITUDINAL = ("alpha", "q", "nz", "az", "theta", "airspeed", "ax", "nx")
+CHANNELS = (*_LONGITUDINAL, "beta", "p", "r", "ay", "ny", "phi", "psi", *HEIGHTS)
+WINGS_LEVEL_NOTE = "no bank angle is recorded: the wings are taken as level"
+# outputs that have no relation in longitudinal motion
+BEYOND_LONGITUDINAL = ("beta", "phi", "psi", *HEIGHTS)
+WRAPPED = ("phi", "psi")  # angles that may jump by a turn
+_INCREMENTAL_LOAD = 0.5  # g: a smaller mean load does not include the weight
+_STEEPEST_PITCH = 1.4  # rad: at steeper pitch Euler angles are not usable
+
+
+def usable_channels(record: Record) -> tuple[str, ...]:
+    """Return the channels of a record that the kinematics use, with one accelerometer for each axis
+    and one height.
+    """
+    have = [
+        name
+        for name in CHANNELS
+        if name in record.output_names and np.count_nonzero(record[name].valid) > 1
+    ]
+    for alternatives in (*AXES.values(), HEIGHTS):
+        for name in [name for name in alternatives if name in have][1:]:
+            have.remove(name)
+    return tuple(have)
+
+
+def load_on(axis: str, names: Sequence[str]) -> str | None:
+    """Return the channel of the accelerometer along an axis (x, y, z); None without one."""
+    return next((name for name in AXES[axis] if name in names), None)
+
+
+def relations(names: Sequence[str], *, speed: bool) -> dict[str, tuple[str, ...]]:
+    """Return output -> channels of its relation, for each relation whose required channels are all
+    among ``names``. The required channels come first.
+
+    ``speed`` : whether an airspeed is recorded or given.
+    """
+    have = set(names)
+    x, y, z = (load_on(axis, names) or "" for axis in "xyz")
+    height = next((name for name in HEIGHTS if name in have), "")
+    needs = {
+        "alpha": (("alpha", "q", z), ("theta", "phi", x, "beta", "p", "r", "airspeed"), speed),
+        "theta": (("theta", "q"), ("phi", "r"), "phi" not in have or "r" in have),
+        "airspeed": (("airspeed", x, "theta", "alpha", z), ("beta", y, "phi"), True),
+        "beta": (("beta", "r", y, "phi"), ("p", "alpha", "theta", x, z, "airspeed"), speed),
+        "phi": (("phi", "p"), ("r", "q", "theta"), True),
+        "psi": (("psi", "r", "phi"), ("q", "theta"), True),
+        height: ((height, "theta", "alpha"), ("airspeed", "phi", "beta"), speed),
+    }
+    return {
+        output: (*required, *(name for name in optional if name in have))
+        for output, (required, optional, possible) in needs.items()
+        if possible and set(required) <= have
+    }
+
+
+def prepared_signals(
+    record: Record, channels: Sequence[str], airspeed: float | None, gravity: float, vane_arm: float
+) -> tuple[KinematicSignals, tuple[str, ...]]:
+    """Return the signals of a record, and sentences on changes made to them.
+
+    Angles that wrap around are unwrapped. The weight is added to a vertical load recorded as an
+    increment.
+
+    Parameters
+    ----------
+    channels : the channels common to all records.
+    airspeed : m/s, where none is recorded; None without.
+    gravity : m/s2.
+    vane_arm : m.
+
+    Raises
+    ------
+    RecordError : if the pitch attitude comes near the vertical.
+    """
+    bridged, notes = bridged_channels(record, channels, _unwrapped), []
+    pitch = bridged.values["theta"][bridged.valid["theta"]] if "theta" in channels else np.zeros(0)
+    if np.any(np.abs(pitch) > _STEEPEST_PITCH):
+        raise RecordError(
+            "an attitude near the vertical, where bank and heading mean nothing",
+            where=f"{record.name}, channel theta",
+            remedy="cut the record there",
+        )
+    if (z := load_on("z", channels)) is not None:
+        weight = 1.0 if z == "nz" else -G0
+        if float(np.median(bridged.values[z])) / weight < _INCREMENTAL_LOAD:
+            bridged.values[z] = bridged.values[z] + weight
+            notes.append(f"{z} of {record.name} does not include the weight, which is added")
+    related = relations(channels, speed=airspeed is not None or "airspeed" in channels)
+    used = {name for joined in related.values() for name in joined}
+    signals = joined_signals(
+        record, bridged, related, used, airspeed, gravity, vane_arm, np.zeros(0)
+    )
+    return signals, tuple(notes)
+
+
+def _unwrapped(record: Record, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the values ``(N,)`` of a channel, angles unwrapped, and the mask of valid ones."""
+    values, mask = record[name].values.copy(), record[name].valid
+    if name in WRAPPED:
+        values[mask] = np.unwrap(values[mask])
+    return values, mask
+
 
 # ---- The kinematic relations of six degrees of freedom
 
@@ -174,9 +283,7 @@ def _flow_angle_at_vane(
 def _lever_arm_integral(
     s: KinematicSignals, axis: str, channel: str, value: Values, rates: dict[str, np.ndarray]
 ) -> np.ndarray:
-    """Return the integral ``(P, N - 1)`` over each interval, m/s, of the additional specific force
-    that an accelerometer measures at a distance from the centre of gravity.
-    """
+    """Return the integral ``(P, N - 1)``, m/s, of the specific force due to a sensor's arm."""
     x, y, z = (value(channel, kind) + value(PACKAGE, kind) for kind in (ARM, RIGHT, BELOW))
     if not (np.any(x) or np.any(y) or np.any(z)):
         return np.zeros((1, 1))
@@ -208,41 +315,27 @@ def _lever_arm_integral(
 
 
 def _theta(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
-    q = m.rate_integrals["q"]
-    if "r" not in m.rate_integrals or "phi" not in s.channels:
-        return np.asarray(q)
-    return np.asarray(
-        q * midpoints(np.cos(m.phi)) - m.rate_integrals["r"] * midpoints(np.sin(m.phi))
-    )
+    q, r = m.rate_integrals["q"], m.rate_integrals.get("r")
+    if r is None or "phi" not in s.channels:
+        return q
+    return q * midpoints(np.cos(m.phi)) - r * midpoints(np.sin(m.phi))
 
 
 def _phi(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
+    p, q, r = m.rate_integrals["p"], m.rate_integrals.get("q"), m.rate_integrals.get("r")
     tan = np.tan(m.theta)
-    if "r" not in m.rate_integrals:
-        return np.asarray(
-            m.rate_integrals["p"]
-            + s.gravity * s.steps * midpoints(np.sin(m.theta) * np.tan(m.phi) / m.speed)
-        )
-    if "q" not in m.rate_integrals:
-        return np.asarray(
-            m.rate_integrals["p"] + m.rate_integrals["r"] * midpoints(tan / np.cos(m.phi))
-        )
-    return np.asarray(
-        m.rate_integrals["p"]
-        + m.rate_integrals["q"] * midpoints(tan * np.sin(m.phi))
-        + m.rate_integrals["r"] * midpoints(tan * np.cos(m.phi))
-    )
+    if r is None:
+        return p + s.gravity * s.steps * midpoints(np.sin(m.theta) * np.tan(m.phi) / m.speed)
+    if q is None:
+        return p + r * midpoints(tan / np.cos(m.phi))
+    return p + q * midpoints(tan * np.sin(m.phi)) + r * midpoints(tan * np.cos(m.phi))
 
 
 def _psi(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
-    if "q" not in m.rate_integrals:
-        return np.asarray(
-            m.rate_integrals["r"] * midpoints(1.0 / (np.cos(m.phi) * np.cos(m.theta)))
-        )
-    return np.asarray(
-        m.rate_integrals["q"] * midpoints(np.sin(m.phi) / np.cos(m.theta))
-        + m.rate_integrals["r"] * midpoints(np.cos(m.phi) / np.cos(m.theta))
-    )
+    q, r, cos = m.rate_integrals.get("q"), m.rate_integrals["r"], np.cos(m.theta)
+    if q is None:
+        return r * midpoints(1.0 / (np.cos(m.phi) * cos))
+    return q * midpoints(np.sin(m.phi) / cos) + r * midpoints(np.cos(m.phi) / cos)
 
 
 def _forces(
@@ -270,11 +363,9 @@ def _forces(
 def _alpha(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     cos, sin = np.cos(m.alpha), np.sin(m.alpha)
     inverse_speed = 1.0 / (m.speed * np.cos(m.beta))
-    axes = (
-        (("z", cos * inverse_speed), ("x", -sin * inverse_speed))
-        if "x" in m.force_integrals
-        else (("z", inverse_speed / cos),)
-    )
+    axes: tuple[tuple[str, np.ndarray], ...] = (("z", inverse_speed / cos),)
+    if "x" in m.force_integrals:
+        axes = (("z", cos * inverse_speed), ("x", -sin * inverse_speed))
     change = m.rate_integrals["q"] + _forces(s, m, axes)
     if "beta" in s.channels:
         slip = np.tan(m.beta)
@@ -297,9 +388,8 @@ def _beta(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray
         ),
     )
     change = change - m.rate_integrals["r"] * midpoints(cos)
-    return np.asarray(
-        change + m.rate_integrals["p"] * midpoints(sin) if "p" in m.rate_integrals else change
-    )
+    p = m.rate_integrals.get("p")
+    return change if p is None else change + p * midpoints(sin)
 
 
 def _airspeed(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
@@ -366,12 +456,8 @@ def start_of(s: KinematicSignals, unknowns: Sequence[Unknown]) -> np.ndarray:
     """Return the starting values of the unknowns: for an initial state the median of its first
     valid samples, and zero for all others.
     """
-    start = np.zeros(len(unknowns))
-    for i, item in enumerate(unknowns):
-        if item.key[0] == "start":
-            first = np.flatnonzero(s.valid[s.outputs.index(item.key[1])])[:FIRST_SAMPLES]
-            start[i] = float(np.median(s.channels[item.key[1]][first])) if first.size else 0.0
-    return start
+    keys = [item.key for item in unknowns]
+    return np.array([initial_state(s, name) if kind == "start" else 0.0 for kind, name in keys])
 
 
 def faults_of(s: KinematicSignals, chord: float = 0.0) -> tuple[SensorFault, ...]:
@@ -419,10 +505,7 @@ def values_of(
     """Return the function that gives the values of P sets: ``own (P, n)`` of the unknowns and
     ``sizes (P, k)`` of the faults.
     """
-    table = {item.key: own[:, i : i + 1] for i, item in enumerate(unknowns)}
-    for j, fault in enumerate(faults):
-        key = (fault.channel, fault.kind)
-        table[key] = table[key] + sizes[:, j : j + 1] if key in table else sizes[:, j : j + 1]
+    table = columns_of(unknowns, faults, own, sizes)
     # A size that is equal in all rows is computed once.
     table = {key: rows[:1] if np.all(rows == rows[0]) else rows for key, rows in table.items()}
     none = np.zeros((1, 1))

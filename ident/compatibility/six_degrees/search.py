@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from itertools import combinations
 from types import MappingProxyType
 
 import numpy as np
@@ -16,9 +17,8 @@ from ident.compatibility.fault_sets import (
     largest_chance_loss,
     penalty_per_fault,
 )
-from ident.compatibility.fitting import KinematicFit
-from ident.compatibility.instruments import instrumented
-from ident.compatibility.kinematics import DRIFT, SensorFault
+from ident.compatibility.fitting import KinematicFit, instrumented
+from ident.compatibility.kinematics import DELAY, DRIFT, LAG, SensorFault
 from ident.compatibility.signals import KinematicSignals
 from ident.compatibility.six_degrees.fitting import (
     LEAST_SECANT,
@@ -29,16 +29,223 @@ from ident.compatibility.six_degrees.fitting import (
     negative_log_likelihoods,
     output_error_equations,
 )
-from ident.compatibility.six_degrees.linearised_sets import (
-    best_set,
-    fit_sets,
-    without_weak_faults,
-)
 from ident.compatibility.trials import (
     CONTRADICTION_P_VALUE,
     LEAST_FAULT_SIGMAS,
     CompatibilitySettings,
 )
+
+# ---- Sets of sensor faults, fitted to first order
+
+LOADS = ("nz", "az", "ny", "ay")
+_SLOW = ("airspeed", "height", "altitude")  # channels that change too slowly to show time shifts
+# added to the unit diagonal of scaled information: nearly equal columns then give a large variance
+_RIDGE = 1e-9
+_BOUND_SHARE = 0.99  # a size above this share of its bound is at the bound
+_MOST_PAIRS = 96  # most pairs to which a third fault is added; more would double the cost
+
+
+@dataclass(frozen=True, eq=False)
+class FittedSets:
+    """M sets of s faults each, fitted to first order.
+
+    Attributes
+    ----------
+    members : ``(M, s)`` positions of the faults.
+    sizes : ``(M, s)``.
+    white : ``(M, s)`` variances of the sizes for white residuals.
+    widening : ``(M, s)`` factors of the variances for coloured residuals.
+    gain : ``(M,)`` gain of log likelihood for white residuals.
+    sound : ``(M,)`` whether every fault is determined, notable, within its bounds and of a possible
+        sign.
+    early : ``(M,)`` whether the set would be sound if a load could have a negative delay.
+    """
+
+    members: np.ndarray
+    sizes: np.ndarray
+    white: np.ndarray
+    widening: np.ndarray
+    gain: np.ndarray
+    sound: np.ndarray
+    early: np.ndarray
+
+    @property
+    def variances(self) -> np.ndarray:
+        """``(M, s)`` variances corrected for coloured residuals."""
+        return self.white * self.widening
+
+
+def fit_sets(
+    normal: NormalEquations,
+    faults: Sequence[SensorFault],
+    members: np.ndarray | Sequence[Sequence[int]],
+    *,
+    early: bool = False,
+) -> FittedSets:
+    """Return the fits of sets of faults to first order.
+
+    Parameters
+    ----------
+    members : ``(M, s)`` positions of the faults of each set.
+    early : whether sets with a negative delay of a load are marked; else `FittedSets.early` is
+        False.
+    """
+    members = np.atleast_2d(np.asarray(members, dtype=int))
+    rows, s = members[:, :, None], members.shape[1]
+    if not s:
+        empty = np.empty((len(members), 0))
+        sound = np.ones(len(members), dtype=bool)
+        return FittedSets(members, empty, empty, empty, np.zeros(len(members)), sound, ~sound)
+    diagonal = np.diag(normal.information)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))[members]
+    scales = scale[:, :, None] * scale[:, None, :]
+    information = normal.information[rows, members[:, None, :]] * scales + _RIDGE * np.eye(s)
+    inverse = np.linalg.inv(information) * scales
+    gradient = normal.gradient[members]
+    sizes = np.einsum("mij,mj->mi", inverse, gradient)
+    corrected = np.einsum(
+        "mij,mjk,mki->mi",
+        inverse,
+        normal.scatter[rows, members[:, None, :]],
+        inverse,
+        optimize=True,
+    )
+    white = np.einsum("mii->mi", inverse).copy()
+    widening = np.maximum(corrected / np.where(white > 0, white, 1.0), 1.0)
+    plausible = np.array([fault.plausible for fault in faults])[members]
+    smallest = np.array([fault.smallest_finding for fault in faults])[members]
+    largest = np.array([_BOUND_SHARE * fault.largest for fault in faults])[members]
+    one_sided = np.array([fault.one_sided for fault in faults])[members]
+    load_time = np.array(
+        [fault.channel in LOADS and fault.kind in (DELAY, LAG) for fault in faults]
+    )[members]
+    determined = (diagonal[members] > 0) & (white * widening < plausible**2)
+    notable = (np.abs(sizes) > smallest) & (np.abs(sizes) < largest)
+    possible_sign = (sizes > 0) | ~one_sided
+    allowed = (determined & notable).all(axis=1) & _leaves_time_reference(faults, members)
+    sound = allowed & possible_sign.all(axis=1)
+    early_load = allowed & ~sound & (possible_sign | load_time).all(axis=1)
+    gain = 0.5 * np.einsum("mi,mi->m", gradient, sizes)
+    return FittedSets(members, sizes, white, widening, gain, sound, early_load & early)
+
+
+def best_set(
+    normal: NormalEquations,
+    faults: Sequence[SensorFault],
+    candidates: Sequence[int],
+    penalty: float,
+    most: int,
+    *,
+    early: bool,
+) -> tuple[FittedSets, int]:
+    """Return the fits of all compared sets with the same number of faults as the best set, and the
+    row of the best set in them.
+
+    The best set has the greatest gain of log likelihood under coloured residuals, less ``penalty``
+    for each fault and less the loss by the priors of the sizes (`SensorFault.prior_loss`). All sets
+    of up to two faults are compared, and larger sets that contain one of the best smaller sets.
+
+    Parameters
+    ----------
+    candidates : positions of the faults that a set may contain.
+    penalty : gain of log likelihood that is required of each fault.
+    most : largest number of faults of a set.
+    early : whether a set may have a negative delay of a load.
+    """
+    fits = [fit_sets(normal, faults, [()], early=early)]
+    members: list[tuple[int, ...]] = [(i,) for i in candidates]
+    for size in range(1, most + 1):
+        if not members:
+            break
+        sets = fit_sets(normal, faults, members, early=early)
+        fits.append(sets)
+        if size == 1:
+            members = [*combinations(candidates, 2)]
+        elif size < most:
+            order = np.argsort(-np.where(np.isfinite(sets.gain), sets.gain, -np.inf))[:_MOST_PAIRS]
+            bases = {tuple(row) for row in sets.members[order].tolist()}
+            members = sorted(
+                {tuple(sorted((*base, i))) for base in bases for i in candidates if i not in base}
+            )
+    return _best_by_score(fits, faults, penalty)
+
+
+def without_weak_faults(
+    normal: NormalEquations, faults: Sequence[SensorFault], members: tuple[int, ...], penalty: float
+) -> tuple[int, ...]:
+    """Return a set without its weak faults. A fault is weak if it adds less than ``penalty`` to the
+    gain of the others, under coloured residuals. The weakest fault is removed first.
+    """
+    while members:
+        whole = fit_sets(normal, faults, [members])
+        # one fault less in each row
+        smaller = np.array([[j for j in members if j != i] for i in members], dtype=int)
+        gains_without = [fit_sets(normal, faults, row[None]).gain[0] for row in smaller]
+        gains = (whole.gain[0] - np.array(gains_without)) / whole.widening[0]
+        weakest = int(np.argmin(gains))
+        if gains[weakest] >= penalty:
+            break
+        members = tuple(i for k, i in enumerate(members) if k != weakest)
+    return members
+
+
+def _best_by_score(
+    fault_sets: Sequence[FittedSets], faults: Sequence[SensorFault], penalty: float
+) -> tuple[FittedSets, int]:
+    """Return the fits that contain the set with the lowest score, and its row. The score is the
+    penalty of a set minus its gain; the empty set has the score zero.
+
+    All gains are divided by the variance factor (``widening``) of the sound set with the greatest
+    gain.
+    """
+    sound_gains = [np.where(sets.sound, sets.gain, 0.0) for sets in fault_sets]
+    best = int(np.argmax([np.max(gains) for gains in sound_gains]))
+    widening = 1.0
+    if fault_sets[best].members.shape[1]:
+        widening = float(np.mean(fault_sets[best].widening[int(np.argmax(sound_gains[best]))]))
+    rare = np.array([fault.rare for fault in faults])
+    chosen, least = (fault_sets[0], 0), 0.0
+    for sets in fault_sets[1:]:
+        score = (
+            penalty * sets.members.shape[1]
+            - sets.gain / widening
+            + TIE_LOG_LIKELIHOOD * (sets.early + rare[sets.members].sum(axis=1))
+        )
+        score = score + prior_losses(sets, faults)
+        score = np.where(sets.sound | sets.early, score, np.inf)
+        row = int(np.argmin(score))
+        if score[row] < least:
+            chosen, least = (sets, row), float(score[row])
+    return chosen
+
+
+def prior_losses(sets: FittedSets, faults: Sequence[SensorFault]) -> np.ndarray:
+    """Return the loss of log likelihood ``(M,)`` by the priors of the sizes, for each set."""
+    spread = np.array([fault.spread for fault in faults])[sets.members]
+    return np.asarray(np.sum(0.5 * sets.sizes**2 / (spread**2 + sets.variances), axis=1))
+
+
+def timed_channels(channels: Sequence[str]) -> tuple[str, ...]:
+    """Return the channels that change fast enough to show a delay of a fraction of a second. One of
+    them must be on time: it is the time reference.
+    """
+    return tuple(name for name in channels if name not in _SLOW)
+
+
+def _leaves_time_reference(faults: Sequence[SensorFault], members: np.ndarray) -> np.ndarray:
+    """Return ``(M,)`` True where a set leaves at least one timed channel without delay and lag."""
+    delayable = tuple(dict.fromkeys(fault.channel for fault in faults if fault.kind == DELAY))
+    timed = timed_channels(delayable)
+    late = np.array(
+        [
+            [fault.kind in (DELAY, LAG) and fault.channel == name for name in timed]
+            for fault in faults
+        ]
+    )
+    if not len(timed):
+        return np.ones(len(members), dtype=bool)
+    return ~np.any(late[members], axis=1).all(axis=1)
+
 
 _MOST_ROUNDS = 5  # most repetitions of the choice of a set and its fit
 NO_LOSSES: Mapping[tuple[int, int], float] = MappingProxyType({})
@@ -111,9 +318,7 @@ def search(
             for j in confusable_faults(linear, members, i, chance_loss, common, exchange_losses):
                 if not _records_agree(linear, _with_replacement(members, i, j), j):
                     refused.add(j)
-    sets = fit_sets(
-        linear.joint, faults, np.array([members], dtype=int).reshape(1, -1), early=False
-    )
+    sets = fit_sets(linear.joint, faults, [members])
     widening = float(np.mean(sets.widening)) if members else 1.0
     candidates = [i for i in common if i not in refused]
     groups = tuple(
@@ -186,7 +391,7 @@ def _choose_and_fit(
         if not turn and not members:
             # Without fitted faults the residual contains their effects: its colour is not that of
             # the noise.
-            normal = replace(normal, scatter=normal.information)
+            normal = normal._replace(scatter=normal.information)
         sets, row = best_set(normal, faults, candidates, penalty, most, early=early)
         chosen, early_load = tuple(int(i) for i in sets.members[row]), None
         if sets.early[row]:
@@ -247,7 +452,7 @@ def _best_delay_exchange(
     if not pairs:
         return (kinematic_fit, sets[0]), {}
     costs = negative_log_likelihoods(fits)
-    accepted = fit_sets(linear.joint, faults, np.array([list(members)]), early=False)
+    accepted = fit_sets(linear.joint, faults, [members])
     widening = float(np.mean(accepted.widening))
     losses_by_priors = [
         sum(
@@ -272,7 +477,7 @@ def _secants_of_variants(linear: FaultLinearisation, members: Sequence[int]) -> 
     for replaced in members or (None,):
         others = [i for i in members if i != replaced]
         rows = np.array([[*others, i] for i in range(len(linear.faults)) if i not in others])
-        sets = fit_sets(linear.joint, linear.faults, rows, early=False)
+        sets = fit_sets(linear.joint, linear.faults, rows)
         for i, gain, size in zip(rows[:, -1], sets.gain, sets.sizes[:, -1], strict=True):
             if gain > greatest_gains[i]:
                 greatest_gains[i], secants[i] = gain, size
@@ -293,7 +498,7 @@ def _records_agree(linear: FaultLinearisation, members: Sequence[int], i: int) -
         return False
     v, w = values[determined], weights[determined]
     mean, std = float(np.sum(w * v) / np.sum(w)), 1.0 / math.sqrt(float(np.sum(w)))
-    joint = fit_sets(linear.joint, linear.faults, np.array([members]), early=False)
+    joint = fit_sets(linear.joint, linear.faults, [members])
     sign = math.copysign(1.0, joint.sizes[0, list(members).index(i)])
     agree = float(chdtrc(len(v) - 1.0, float(np.sum(w * (v - mean) ** 2)))) > CONTRADICTION_P_VALUE
     return agree and mean * sign > LEAST_FAULT_SIGMAS * std
@@ -302,10 +507,8 @@ def _records_agree(linear: FaultLinearisation, members: Sequence[int], i: int) -
 def _values_by_record(
     linear: FaultLinearisation, members: Sequence[int], i: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the size of fault ``i`` in each of R records, ``(R,)``, and the inverse variances
-    ``(R,)``. The other faults keep their joint sizes.
-    """
-    sizes = fit_sets(linear.joint, linear.faults, np.array([members]), early=False).sizes[0]
+    """Return the size of fault ``i`` in each of R records, ``(R,)``, and its inverse variances."""
+    sizes = fit_sets(linear.joint, linear.faults, [members]).sizes[0]
     values, weights = [], []
     for normal in linear.smoother:
         information = normal.information[i, i]
@@ -333,9 +536,7 @@ def _group(
     candidates: Sequence[int],
     exchange_losses: Mapping[tuple[int, int], float],
 ) -> tuple[tuple[int, float], ...]:
-    """Return the positions of accepted fault ``i`` and of its alternatives, each with its loss of
-    log likelihood under coloured residuals.
-    """
+    """Return fault ``i`` and its alternatives, each with its loss under coloured residuals."""
     losses = confusable_faults(
         linear, members, i, chance_loss * widening, candidates, exchange_losses
     )
@@ -371,11 +572,8 @@ def confusable_faults(
         linear.joint,
         linear.faults,
         np.array([_with_replacement(members, i, j) for j in rivals]).reshape(len(rivals), -1),
-        early=False,
     )
-    accepted = fit_sets(
-        linear.joint, linear.faults, np.array([_with_replacement(members, i, i)]), early=False
-    )
+    accepted = fit_sets(linear.joint, linear.faults, np.array([_with_replacement(members, i, i)]))
     losses = (
         accepted.gain[0]
         - sets.gain

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.compatibility.kinematics import ARMS
-from ident.compatibility.six_degrees.signals import WINGS_LEVEL_NOTE
+from ident.compatibility.six_degrees.kinematics import WINGS_LEVEL_NOTE
 from ident.compatibility.trials import SensorFinding
-from ident.flying_qualities.mode_levels import ModeLevel, mode_levels
+from ident.flying_qualities.levels import ModeLevel, mode_levels
 from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, Quantity
 from scenarios.diagnosis.kinematics import (
     BIAS,

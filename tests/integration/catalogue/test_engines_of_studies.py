@@ -13,7 +13,7 @@ import pytest
 
 from ident.banks.engines import BATCHED, FILTERPY
 from ident.filters.ekf import FilterSettings, run_ekf, run_iterated_ekf
-from ident.flying_qualities.mode_levels import flight_phase_of
+from ident.flying_qualities.levels import flight_phase_of
 from scenarios.identification.assessment import Options
 from scenarios.identification.files import identification_content
 from scenarios.identification.identify import identify

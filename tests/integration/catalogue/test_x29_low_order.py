@@ -11,7 +11,7 @@ import pytest
 
 from ident.banks.delays import DelayBank, run_delay_bank
 from ident.flying_qualities.levels import qualities
-from ident.frequency_response.multitaper import estimate_response, fit_response
+from ident.frequency_response.model_fit import estimate_response, fit_response
 from ident.statistics.noise_levels import noise_envelope
 from ident.statistics.residuals import compare_estimates
 from scenarios.identification.low_order import PAPER_START, SIMULATION_SHARE, loes_filter_system

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from ident.banks.bank import bank_runs
-from ident.banks.equation_kernels import BankTrace, empty_trace, step_block_filter
-from ident.banks.table_kernel import table_block_filter
+from ident.banks.block_kernels import BankTrace, empty_trace, step_block_filter, table_block_filter
 from ident.filters.ekf import FilterSettings
 from ident.filters.one_record import Exponential, Taylor
 from ident.filters.problem import FilterProblem

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ident.banks.bank import bank_runs, run_pass
-from ident.banks.equation_kernels import empty_trace
-from ident.banks.iterated_bank import run_iterated_bank, smoothed
+from ident.banks.block_kernels import empty_trace
+from ident.banks.engines import run_iterated_bank, smoothed
 from ident.filters.ekf import FilterSettings, run_ekf, run_iterated_ekf
 from ident.filters.smoother import smooth
 from tests import loes_problem as problem

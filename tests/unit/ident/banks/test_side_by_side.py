@@ -12,7 +12,7 @@ import pytest
 
 from ident.banks import row_kernel
 from ident.banks.bank import bank_runs, run_bank, run_pass
-from ident.banks.equation_kernels import BankHistory, BankPass
+from ident.banks.row_kernel import BankHistory, BankPass
 from ident.filters.ekf import FilterSettings
 from ident.filters.one_record import Exponential
 from sim.declaration.compile import compile_model

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import compatibility
-from ident.compatibility.instruments import projected_whitener
+from ident.compatibility.fitting import projected_whitener
 from ident.compatibility.trials import Compatibility, CompatibilitySettings
 from sim.errors import RecordError
 from sim.record import Channel, Record

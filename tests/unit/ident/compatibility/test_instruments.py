@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import compatibility
-from ident.compatibility.fitting import fit
-from ident.compatibility.instruments import instruments_of, projected_whitener
+from ident.compatibility.fitting import fit, instruments_of, projected_whitener
 from ident.compatibility.signals import signals_of, whitener
 from ident.compatibility.trials import Compatibility, CompatibilitySettings
 from sim.record import Channel, Record

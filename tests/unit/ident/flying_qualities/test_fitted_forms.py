@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from ident.flying_qualities.fitted_forms import GRAVITY, form_levels, form_qualities
-from ident.frequency_response.envelopes import unnoticeable_envelopes
+from ident.flying_qualities.levels import form_levels, form_qualities
 from ident.frequency_response.transfer_function import (
     FORMS,
     FittedResponse,
     ResponseTarget,
     fit_transfer_functions,
     neighbour_correlation,
+    unnoticeable_envelopes,
 )
+from sim.maths import G0
 
 OMEGA = np.geomspace(0.3, 20.0, 80)
 PITCH = {"gain": 6.0, "inv_T_theta2": 1.2, "frequency": 4.0, "damping": 0.5, "delay": 0.08}
@@ -41,11 +42,11 @@ def test_cap_is_the_first_pitch_acceleration_over_the_steady_load_factor() -> No
     time = np.linspace(0.0, 20.0, 200001)
     _, rate = signal.step((top, bottom), T=time)
     acceleration = (rate[1] - rate[0]) / (time[1] - time[0])
-    steady = AIRSPEED / GRAVITY * rate[-1]  # of a steady turn in the vertical plane
+    steady = AIRSPEED / G0 * rate[-1]  # of a steady turn in the vertical plane
     assert found["control_anticipation"].value == pytest.approx(acceleration / steady, rel=2e-3)
     # The angle of attack of a pitch rate q/alpha = s + 1/T_theta2, with the stick held.
     assert found["load_factor_slope"].value == pytest.approx(
-        AIRSPEED * PITCH["inv_T_theta2"] / GRAVITY, rel=1e-3
+        AIRSPEED * PITCH["inv_T_theta2"] / G0, rel=1e-3
     )
     assert found["total_delay"].value == pytest.approx(0.08, abs=1e-3) and found[
         "natural_frequency"
@@ -98,7 +99,7 @@ def test_levels(
     )
     (one,) = [each for each in found if each.quality.name == quantity]
     if quantity == "control_anticipation":
-        cap = (PITCH | changes)["frequency"] ** 2 * GRAVITY / AIRSPEED / PITCH["inv_T_theta2"]
+        cap = (PITCH | changes)["frequency"] ** 2 * G0 / AIRSPEED / PITCH["inv_T_theta2"]
         limits = one.criterion.levels
         level = next((n for n, (low, high) in enumerate(limits, 1) if low <= cap <= high), 4)
     assert one.level == level and not one.uncertain

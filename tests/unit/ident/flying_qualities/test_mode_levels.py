@@ -12,14 +12,16 @@ import pytest
 from scipy.stats import norm
 
 from ident.estimate import Estimate, Outcome
-from ident.flying_qualities.levels import CATEGORIES, CLASSES, qualities
-from ident.flying_qualities.mode_levels import (
+from ident.flying_qualities.levels import (
+    CATEGORIES,
+    CLASSES,
     DETERMINED_PROBABILITY,
     LEVEL_DRAWS,
     FlightPhase,
     ModeLevel,
     flight_phase_of,
     mode_levels,
+    qualities,
 )
 from ident.flying_qualities.modes import Characteristics, characteristics, characteristics_at
 from sim.declaration.compile import compile_model

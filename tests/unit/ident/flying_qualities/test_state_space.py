@@ -9,9 +9,8 @@ import math
 import numpy as np
 import pytest
 
-from ident.flying_qualities.modes import level_flight
-from ident.flying_qualities.state_space import StateSpace, state_space, to_control
-from ident.frequency_response.multitaper import model_response
+from ident.flying_qualities.modes import StateSpace, level_flight, state_space, to_control
+from ident.frequency_response.model_fit import model_response
 from scenarios.preparation.declared_model import model_of_file
 from sim.declaration.compile import compile_model
 from sim.effects.library import find_effect

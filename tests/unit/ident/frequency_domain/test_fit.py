@@ -12,10 +12,10 @@ import pytest
 
 from ident.estimate import Estimate, Outcome
 from ident.frequency_domain import transform
-from ident.frequency_domain.fit import fit_transforms
 from ident.frequency_domain.output_error import (
     FrequencySettings,
     fit_frequency_domain,
+    fit_transforms,
     frequency_fit,
     from_best_start,
 )

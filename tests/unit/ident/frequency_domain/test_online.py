@@ -20,8 +20,15 @@ from ident.frequency_domain.online import (
     frequencies,
     online_equations,
 )
-from ident.frequency_domain.online_lag import estimated, lag_stream, pseudo_control, with_rows
-from ident.frequency_domain.online_regression import OnlineEstimate, _sensor_levels, estimate
+from ident.frequency_domain.online_regression import (
+    OnlineEstimate,
+    _sensor_levels,
+    estimate,
+    estimated,
+    lag_stream,
+    pseudo_control,
+    with_rows,
+)
 from sim.declaration import own_model
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.frequency_response.multitaper import estimate_response, fit_response, model_response
+from ident.frequency_response.model_fit import estimate_response, fit_response, model_response
 from sim.declaration.compile import compile_model
 from sim.errors import ModelError, RecordError
 from sim.record import Channel, Hold, Record

@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from ident.frequency_response.envelopes import unnoticeable_envelopes
 from ident.frequency_response.transfer_function import (
     FORMS,
     Form,
@@ -21,6 +20,7 @@ from ident.frequency_response.transfer_function import (
     form_of,
     mismatch_cost,
     neighbour_correlation,
+    unnoticeable_envelopes,
 )
 from sim.errors import ModelError
 

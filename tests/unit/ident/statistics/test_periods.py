@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.statistics.periods import update_period
+from ident.statistics.noise_levels import update_period
 
 
 def held(

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.frequency_domain import fit as in_frequency
+from ident.frequency_domain import output_error as in_frequency
 from ident.frequency_domain.output_error import FrequencySettings, covariance_of, frequency_fit
 from ident.statistics.profile_likelihood import (
     LEVEL,

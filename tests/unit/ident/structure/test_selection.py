@@ -10,13 +10,16 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from ident.structure.averaging import collinearity_of, multiples_of
 from ident.structure.coefficients import (
     Airframe,
     Histories,
+    bandwidth_of,
     filled,
+    half_width,
     histories_of,
+    noise_of,
 )
-from ident.structure.collinearity import collinearity_of, multiples_of
 from ident.structure.products import TermColumns, columns_of, products_of
 from ident.structure.selection import (
     ORTHOGONAL,
@@ -25,7 +28,6 @@ from ident.structure.selection import (
     select,
     stepwise,
 )
-from ident.structure.windows import bandwidth_of, half_width, noise_of
 from sim.aerodynamics import Term, parse_term
 from sim.declaration.compile import compile_model
 from sim.errors import RecordError

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.flying_qualities.mode_levels import FlightPhase
+from ident.flying_qualities.levels import FlightPhase
 from ident.flying_qualities.modes import Characteristics
 from ident.tracing.diagnosis import Verdict
 from scenarios.diagnosis.diagnose import Tracing

@@ -11,7 +11,7 @@ import pytest
 from scipy.optimize import brentq
 from scipy.stats import kstest
 
-from ident.flying_qualities.mode_levels import FlightPhase, mode_levels
+from ident.flying_qualities.levels import FlightPhase, mode_levels
 from ident.flying_qualities.modes import lateral_modes
 from scenarios.identification.identify import identify
 from sim.declaration.compile import compile_model

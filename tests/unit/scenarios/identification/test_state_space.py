@@ -12,7 +12,7 @@ import pytest
 from scipy.io import loadmat
 from scipy.linalg import expm
 
-from ident.flying_qualities.state_space import StateSpace
+from ident.flying_qualities.modes import StateSpace
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.identification.files import refuse_place, state_space_of, write_state_space
 from scenarios.identification.identify import identify

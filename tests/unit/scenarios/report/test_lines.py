@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import pytest
 
-from ident.flying_qualities.mode_levels import FlightPhase, ModeLevel
+from ident.flying_qualities.levels import FlightPhase, ModeLevel
 from ident.statistics.residuals import ResidualTest
 from scenarios.report.quantities import test_line as line_of
 from scenarios.report.summary import level_text, levels_line

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import compatibility
-from ident.compatibility.instruments import reduced_whitener
+from ident.compatibility.fitting import reduced_whitener
 from ident.compatibility.kinematics import ARM, BOOM, PACKAGE, SCALE, SensorFault
 from ident.compatibility.trials import Compatibility, CompatibilitySettings
 from ident.tracing.diagnosis import Claim, Quantity

@@ -9,8 +9,15 @@ import pytest
 
 from ident.compatibility.kinematics import SensorFault
 from ident.compatibility.signals import KinematicSignals
-from ident.compatibility.six_degrees.kinematics import evaluate, faults_of, linearised, unknowns_of
-from ident.compatibility.six_degrees.signals import prepared_signals, relations, usable_channels
+from ident.compatibility.six_degrees.kinematics import (
+    evaluate,
+    faults_of,
+    linearised,
+    prepared_signals,
+    relations,
+    unknowns_of,
+    usable_channels,
+)
 from sim.record import Channel, Record
 from tests.oracles.six_degrees import LATERAL, NOISE, SPEED, UNITS, WHOLE, Faults, fly, shown
 from tests.unit.ident.compatibility.six_degrees.planting import planted, size_of

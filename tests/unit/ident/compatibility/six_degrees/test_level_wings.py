@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import bank_angle_warnings, compatibility
-from ident.compatibility.six_degrees.signals import WINGS_LEVEL_NOTE
+from ident.compatibility.six_degrees.kinematics import WINGS_LEVEL_NOTE
 from ident.compatibility.trials import CompatibilitySettings
 from sim.maths import G0
 from sim.record import Channel, Record
