@@ -22,7 +22,7 @@ from scenarios.files.declarations import (
     split_header,
 )
 from scenarios.files.formats.cells import CellTable, header_cell, numbers
-from scenarios.files.formats.parquet import frame_header
+from scenarios.files.formats.tabular import frame_header
 from scenarios.files.measured.columns import (
     RecordFile,
     Sidecar,

@@ -282,10 +282,9 @@ def run_python(source: Source, kind: str) -> ModuleType:
             if error.lineno:
                 line = f", line {error.lineno}"
         what, remedy = " ".join(f"{type(error).__name__}: {text}".split()), "mend that line"
-        owner = getattr(error, "obj", None)
-        if isinstance(error, AttributeError) and isinstance(owner, type | ModuleType):
-            what = f"{owner.__name__} has no attribute {error.name!r}"
-            remedy = present_name(error.name, dir(owner)) or remedy
+        if isinstance(error, AttributeError) and isinstance(error.obj, type | ModuleType):
+            what = f"{error.obj.__name__} has no attribute {error.name!r}"
+            remedy = present_name(str(error.name), dir(error.obj)) or remedy
         raise DeclarationError(what, where=f"{where}{line}", remedy=remedy) from None
     finally:
         sys.modules.pop(name, None)

@@ -734,7 +734,7 @@ RECORDS = (
         ("np.concatenate(values)[before], np.nan)", "np.concatenate(values)[before], 0.0)"),
     ),
     *changes(
-        "scenarios/files/formats/ardupilot.py",
+        "scenarios/files/formats/autopilots.py",
         ("tests/unit/scenarios/files/test_forms.py",),
         ('float(f"{float(cells[2]):.7g}")', "1.0"),
         (

@@ -27,6 +27,7 @@ from scenarios.files.formats.cells import (
     MISSING,
     MOST_HEADS,
     CellTable,
+    Reader,
     Topic,
     has_decimal_comma,
     has_number,
@@ -39,11 +40,6 @@ from scenarios.files.formats.cells import (
     without_brackets,
 )
 from sim.errors import RecordError
-
-FORMAT = "text"
-SUFFIXES = (".csv", ".txt", ".asc", ".dat", ".tsv", ".tab", ".log")
-MAGIC: tuple[bytes, ...] = ()
-EXTRA = ""
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 BLANKS = " "
@@ -598,3 +594,6 @@ def _first_row(path: Path, text: str, separator: str, above: int) -> list[str]:
 
 def _of_equal_width(lines: Rows) -> bool:
     return len(lines) > 1 and all(len(cells) == len(lines[0][1]) for _, cells in lines)
+
+
+READERS = (Reader("text", (".csv", ".txt", ".asc", ".dat", ".tsv", ".tab", ".log"), (), read),)
