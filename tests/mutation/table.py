@@ -633,7 +633,7 @@ SCENARIOS = (
         ("        )\n        / share,", "        )\n        * share,"),
     ),
     *changes(
-        "scenarios/survey/derivatives.py",
+        "scenarios/survey/survey.py",
         ("tests/unit/scenarios/survey/test_derivatives.py",),
         (" / effect.recurrence.probability[number]", ""),
     ),
