@@ -319,6 +319,27 @@ class OutputOptions:
     figures: Formats
     progress: bool
 
+    def finish(
+        self, result: Any, write: Callable[..., Any], show: Callable[..., None] | None = None
+    ) -> None:
+        """Write a result into the folder, print it, and print where it was written.
+
+        Parameters
+        ----------
+        result : result of the command.
+        write : function of result, folder and ``figures`` that writes the study; it is not called
+            without a folder.
+        show : function of ``details``, the place of further results, that prints the result.
+        """
+        from scenarios.report.summary import details_in, written_to
+
+        if self.out is not None:
+            write(result, self.out, figures=self.figures)
+        if show is not None:
+            show(details=details_in(self.out))
+        if self.out is not None:
+            print(written_to(self.out))
+
 
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # escape sequences of a terminal
 

@@ -1,57 +1,46 @@
-"""Options of the commands on simulated studies, libraries, labs and models of studies."""
+"""Commands on simulated studies, maneuver design, pages, libraries and labs."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from scenarios.cli import options
 from scenarios.cli.options import (
-    METHOD_WORDS,
     AsJson,
     Changes,
-    Channels,
-    ClockRate,
     Cluster,
-    Columns,
     Duration,
     Figures,
-    From,
     Inputs,
     Jobs,
-    ManeuverFile,
-    Maneuvers,
     Model,
     NoFigures,
     Noise,
     Out,
     Output,
     OwnModel,
-    Preparation,
     Quiet,
-    Records,
     Resume,
     SampleRate,
     Scenario,
     Seed,
-    StudyModel,
     TimeLimit,
-    To,
     TrueValues,
-    Trust,
-    VehicleOption,
-    fixed_words,
     flag,
     scenarios,
     valued,
     with_groups,
 )
-from scenarios.preparation.plan import Request, plan_of, with_maneuvers
 from scenarios.report.figure_formats import formats_of
 from sim.errors import DeclarationError
+
+if TYPE_CHECKING:
+    from scenarios.trials.planted.own_flight import OwnFlight
 
 # ---- flightid run
 
@@ -91,6 +80,63 @@ def run(
         command(names, seed, target.out, changes or [], target.figures, progress=target.progress)
 
 
+def scenario_or_own(
+    name: str | None,
+    model: str | None,
+    vehicle: Path | None,
+    inputs: Sequence[str] | None,
+    noise: Sequence[str] | None,
+    hidden: Sequence[str] | None,
+    duration: float | None,
+    rate: float | None,
+) -> str | OwnFlight:
+    """Return the flight to simulate: the name of a scenario, or a flight of a user's model.
+
+    Parameters
+    ----------
+    name : name of a scenario.
+    model : file of a user's model; the other parameters describe its flight.
+
+    Raises
+    ------
+    DeclarationError : name and model are both given or both missing, or an option is given that
+        only ``--model`` takes.
+    """
+    if model is None:
+        given = {
+            "--vehicle": vehicle,
+            "--input": inputs,
+            "--noise": noise,
+            "--hide": hidden,
+            "--duration": duration,
+            "--rate": rate,
+        }
+        if name is None:
+            raise DeclarationError(
+                "nothing is named",
+                where="flightid",
+                remedy="name a scenario (flightid list), or --model FILE.py",
+            )
+        for option, value in given.items():
+            if value is not None:
+                remedy = "change an entry of a scenario with --set, for example flight.rate=50"
+                raise DeclarationError(
+                    "this goes with --model FILE.py", where=option, remedy=remedy
+                )
+        return name
+    if name is not None:
+        raise DeclarationError(
+            f"a scenario is named as well, {name!r}",
+            where="--model",
+            remedy="leave one of the two out",
+        )
+    from scenarios.trials.planted.own_flight import OwnFlight
+
+    return OwnFlight(
+        model, vehicle, tuple(inputs or ()), tuple(noise or ()), tuple(hidden or ()), duration, rate
+    )
+
+
 # ---- flightid simulate
 
 
@@ -116,7 +162,6 @@ def simulate(
 ) -> None:
     """The record of a scenario alone, or of a flight of a model of your own."""
     from scenarios.cli.options import output_options
-    from scenarios.commands.failures import scenario_or_own
     from scenarios.commands.studies import files_text
     from scenarios.commands.studies import simulate as write_records
 
@@ -162,7 +207,6 @@ def campaign(
 ) -> None:
     """Monte Carlo: bias, scatter against reported sigma, coverage."""
     from scenarios.cli.options import output_options
-    from scenarios.commands.failures import scenario_or_own
     from scenarios.commands.studies import own_campaign, refuse_method, run_campaign
     from scenarios.tasks.study import Execution
 
@@ -279,8 +323,10 @@ DesignComputer = Annotated[
 ]
 
 
+@with_groups
 def design(
     model: Model,
+    *,
     vehicle: DesignVehicle = None,
     limits: DesignLimits = None,
     tell: DesignTell = "",
@@ -292,16 +338,14 @@ def design(
     rate: DesignRate = None,
     band: DesignBand = None,
     computer: DesignComputer = False,
-    out: Out = None,
-    figures: Figures = None,
-    no_figures: NoFigures = False,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    output: Output,
 ) -> None:
     """Before flying: which maneuver determines the derivatives best, or tells effects apart."""
-    from scenarios.cli.options import output_options
-    from scenarios.commands.studies import design_maneuver
+    from scenarios.maneuver_design.design import design as design_maneuver
+    from scenarios.maneuver_design.report import design_text, write_design
     from scenarios.maneuver_design.setting import DesignRequest
+    from scenarios.report.summary import details_in, terminal_width, written_to
+    from scenarios.report.terminal import progress_bar
 
     names = tuple(name.strip() for name in tell.split(",") if name.strip())
     request = DesignRequest(
@@ -318,14 +362,14 @@ def design(
         band,
         computer,
     )
-    with output_options(
-        out,
-        formats_of(figures, no_figures),
-        quiet=quiet,
-        as_json=as_json,
-        documents=["design.json"],
-    ) as target:
-        design_maneuver(request, target.out, target.figures, progress=target.progress)
+    with output.writing("design.json") as target:
+        with progress_bar(target.progress) as show_progress:
+            result = design_maneuver(request, show_progress)
+            if target.out is not None:
+                write_design(result, target.out, figures=target.figures)
+        print(design_text(result, terminal_width(), details_in(target.out)), end="")
+        if target.out is not None:
+            print(written_to(target.out))
 
 
 # ---- flightid report
@@ -343,9 +387,14 @@ def report(
     ] = False,
 ) -> None:
     """The page of a study again, from its folder, without computing anything; its tables, a PDF."""
-    from scenarios.commands.studies import rebuild_pages
+    from scenarios.report.folder import rebuilt, stored_page, write_pdf, write_tables
 
-    rebuild_pages(folders, tables=tables, pdf=pdf)
+    for folder in folders:
+        print(f"written to {rebuilt(folder)}")
+        if tables:
+            print(f"tables: {', '.join(map(str, write_tables(stored_page(folder), folder)))}")
+        if pdf:
+            print(f"PDF: {write_pdf(folder)}")
 
 
 # ---- flightid list, effects, models and vehicles
@@ -456,140 +505,3 @@ def lab(
         copy_lab(number, copy)
     else:
         raise SystemExit(open_lab(number, edit, port, browser, copy))
-
-
-# ---- flightid structure
-
-
-@with_groups
-def structure(
-    records: Records,
-    *,
-    vehicle: VehicleOption = None,
-    validate: Annotated[
-        list[Path] | None,
-        valued("--validate", "RECORD...", "Predict the coefficients of these records."),
-    ] = None,
-    preparation: Preparation,
-    method: Annotated[
-        str,
-        valued(
-            "--method",
-            "METHOD",
-            "stepwise regression, or orthogonal functions.",
-            complete=fixed_words(*METHOD_WORDS),
-        ),
-    ] = "stepwise",
-    degree: Annotated[int, valued("--degree", "N", "Degree of the products of signals.")] = 2,
-    splines: Annotated[int, valued("--splines", "N", "Offer splines with N knots in alpha.")] = 0,
-    terms: Annotated[
-        Path | None, valued("--terms", "FILE", "The terms offered, by coefficient.")
-    ] = None,
-    baseline: Annotated[
-        bool, flag("--baseline", "Find increments to the terms of the vehicle file.")
-    ] = False,
-    hierarchical: Annotated[
-        bool, flag("--hierarchical", "Offer a product after the linear terms of its symmetry.")
-    ] = False,
-    bandwidth: Annotated[float, valued("--bandwidth", "HZ", "For angular accelerations.")] = 3.0,
-    output: Output,
-) -> None:
-    """Terms of the aerodynamic coefficients that the records support, and a vehicle file of them.
-
-    Stepwise regression or orthogonal functions. Collinear terms are named with the maneuver that
-    would separate them.
-    """
-    from scenarios.commands.records import find_structure
-    from scenarios.structure.study import StructureOptions
-
-    plan = preparation.plan(records)
-    request = Request(
-        tuple(records),
-        vehicle=vehicle,
-        validate=tuple(validate or ()),
-        channels=preparation.channels,
-        plan=plan,
-    )
-    options = StructureOptions(method, bandwidth, degree, splines, terms, baseline, hierarchical)
-    with output.writing("structure.json") as target:
-        find_structure(request, options, target.out, target.figures)
-
-
-# ---- flightid predict
-
-
-@with_groups
-def predict(
-    study: Annotated[
-        Path,
-        typer.Argument(
-            metavar="STUDY", help="Folder that identify, diagnose or a run of trace-* wrote."
-        ),
-    ],
-    record: Annotated[
-        Path,
-        typer.Argument(metavar="RECORD", help="Record of the same vehicle, from any recorder."),
-    ],
-    *,
-    channels: Channels = None,
-    columns: Columns = None,
-    start: From = None,
-    stop: To = None,
-    maneuver: Maneuvers = None,
-    maneuvers: ManeuverFile = None,
-    rate: ClockRate = None,
-    trust: Trust = False,
-    model: StudyModel = None,
-    effects: Annotated[
-        Path | None, valued("--effects", "FILE", "The study's own effects, which are run.")
-    ] = None,
-    tolerances: Annotated[
-        str | None,
-        valued(
-            "--tolerances",
-            "TEST,...",
-            "Pass or fail in tests of simulator qualification, or in those of FILE.toml.",
-        ),
-    ] = None,
-    output: Output,
-) -> None:
-    """Prediction of another record by the model of a study, with fixed parameters."""
-    from scenarios.commands.failures import one_segment
-    from scenarios.commands.records import predict_with_study
-    from scenarios.prediction import PredictionRequest
-
-    plan = plan_of(start, stop, rate=rate, trusted=trust, columns=columns)
-    plan = one_segment(with_maneuvers(plan, [record], maneuver, maneuvers))
-    request = PredictionRequest(study, record, channels, plan, model, effects, tolerances)
-    with output.writing("prediction.json") as target:
-        predict_with_study(request, target.out, target.figures)
-
-
-# ---- flightid export
-
-
-def export(
-    study: Annotated[
-        Path,
-        typer.Argument(
-            metavar="STUDY",
-            help="Folder of identify, diagnose or structure, or a vehicle file of model aircraft.",
-        ),
-    ],
-    to: Annotated[
-        str, valued("--to", "TARGET", options.TO_HELP, complete=fixed_words(*options.TARGETS))
-    ],
-    out: Annotated[
-        Path | None,
-        valued("--out", "FILE", "The file; else one named after the vehicle, in this folder."),
-    ] = None,
-    model: StudyModel = None,
-) -> None:
-    """The model of a study for another program: Python module, FMU, JSBSim or DAVE-ML file.
-
-    Units are SI and radians. The file has the estimated values and the initial states of the first
-    record. jsbsim and dave-ml take only the model aircraft, python and fmu take any model.
-    """
-    from scenarios.commands.records import export_model
-
-    export_model(study, to, out, model)

@@ -12,7 +12,6 @@ from scenarios.api.requests import LOADERS, Progress, Runner, flown_record
 from scenarios.files.declarations import named_after
 from scenarios.files.user_models import AIRCRAFT_SUFFIX
 from scenarios.files.writing import unwritable, write_text
-from scenarios.maneuver_design.setting import DesignRequest
 from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.report.summary import details_in, written_to
 from scenarios.report.terminal import progress_bar
@@ -503,59 +502,3 @@ def _judgement_of(
         return judge(campaign, causes=all_runs, levels=levels), True
     except KeyboardInterrupt:
         return judge(campaign, causes=False), False
-
-
-# ---- flightid design: the maneuver to fly
-
-
-def design_maneuver(
-    request: DesignRequest, out: Path | None, figures: Formats, *, progress: bool = True
-) -> None:
-    """Design a maneuver, write it into ``out`` and print it.
-
-    ``progress`` : whether a progress bar is shown.
-    """
-    from scenarios.maneuver_design.design import design
-    from scenarios.maneuver_design.report import design_text
-    from scenarios.report.summary import terminal_width
-
-    with progress_bar(progress) as show_progress:
-        result = design(request, show_progress)
-        if out is not None:
-            from scenarios.maneuver_design.report import write_design
-
-            write_design(result, out, figures=figures)
-    print(design_text(result, terminal_width(), details_in(out)), end="")
-    if out is not None:
-        print(written_to(out))
-
-
-# ---- flightid report: pages of study folders, written again
-
-
-def rebuild_pages(folders: Sequence[Path], *, tables: bool = False, pdf: bool = False) -> None:
-    """Write ``report.html`` of each folder again.
-
-    Parameters
-    ----------
-    folders : study folders.
-    tables : also write the tables as Markdown, LaTeX and XLSX.
-    pdf : also write the page as ``report.pdf``.
-
-    Raises
-    ------
-    FlightidError : a folder has no content of a page.
-    """
-    from scenarios.report.folder import rebuilt, stored_page
-
-    for folder in folders:
-        print(f"written to {rebuilt(folder)}")
-        if tables:
-            from scenarios.report.folder import write_tables
-
-            files = write_tables(stored_page(folder), folder)
-            print(f"tables: {', '.join(map(str, files))}")
-        if pdf:
-            from scenarios.report.folder import write_pdf
-
-            print(f"PDF: {write_pdf(folder)}")

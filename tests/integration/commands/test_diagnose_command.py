@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from scenarios.cli import main
-from scenarios.commands.failures import each_validated
+from scenarios.cli.application import each_validated
 from scenarios.files.writing import write_record
 from scenarios.preparation.declared_model import model_of_file
 from sim.declaration.model import Noise
