@@ -30,7 +30,7 @@ from scenarios.preparation.declared_model import LIFT_OUTPUTS, NO_LIFT, model_of
 from scenarios.preparation.plan import Request, command_on_records
 from scenarios.report.quantities import number_text, shown_in, spaced
 from scenarios.report.summary import NEXT, residual_phrase
-from scenarios.studies.published import Row
+from scenarios.studies.declaration import Row
 from sim.declaration.model import System
 from sim.errors import DeclarationError
 from sim.record import Record

@@ -22,8 +22,15 @@ from scenarios.files.sources import versions
 from scenarios.files.writing import csv_text
 from scenarios.report.quantities import AXES
 from scenarios.report.summary import levels_content
-from scenarios.studies.declaration import Choice, Estimation, FlightPlan, Scenario, Start
-from scenarios.studies.published import Row, published_remark
+from scenarios.studies.declaration import (
+    Choice,
+    Estimation,
+    FlightPlan,
+    Row,
+    Scenario,
+    Start,
+    published_remark,
+)
 from scenarios.studies.study import MethodDetermination, MethodResult, Scatter, StudyResult
 from scenarios.studies.sweep import sweep_content
 from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility

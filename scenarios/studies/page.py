@@ -48,7 +48,7 @@ from scenarios.studies.comparison import (
     reference_lines,
     vehicle_line,
 )
-from scenarios.studies.published import Row
+from scenarios.studies.declaration import Row
 from scenarios.studies.study import MethodResult, StudyResult, flexibility_sentences
 from scenarios.studies.text import (
     determination_blocks,

@@ -21,7 +21,16 @@ from ident.whole_record.layout import weighted_sensitivities
 from scenarios.files.declarations import CHANNEL_UNITS
 from scenarios.files.user_models import moves_about_rest
 from scenarios.report.quantities import in_hertz, shown_in, spaced
-from scenarios.studies.declaration import EMPTY, Estimation, Scenario, Variation, seen_by
+from scenarios.studies.declaration import (
+    EMPTY,
+    Estimation,
+    Row,
+    Scenario,
+    Variation,
+    published_values,
+    rows_of,
+    seen_by,
+)
 from scenarios.studies.estimating import (
     Result,
     biased_system,
@@ -34,7 +43,6 @@ from scenarios.studies.estimating import (
     measured_again,
     true_model,
 )
-from scenarios.studies.published import Row, published_values, rows_of
 from scenarios.studies.sweep import Sweep
 from sim.declaration.model import Model
 from sim.errors import ModelError

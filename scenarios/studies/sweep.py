@@ -26,7 +26,14 @@ from ident.banks.bank import run_bank
 from ident.estimate import Outcome
 from ident.statistics.residuals import ResidualTest, tests_of_records
 from scenarios.files.writing import csv_text
-from scenarios.studies.declaration import Estimation, FlightPlan, Mark, Scenario, Start
+from scenarios.studies.declaration import (
+    Estimation,
+    FlightPlan,
+    Mark,
+    Scenario,
+    Start,
+    published_values,
+)
 from scenarios.studies.estimating import (
     compiled,
     condensed_values,
@@ -36,7 +43,6 @@ from scenarios.studies.estimating import (
     flown_vehicle,
     fly_scenario,
 )
-from scenarios.studies.published import published_values
 from sim.record import Record
 from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility, flexibility
 

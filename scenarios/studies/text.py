@@ -50,7 +50,7 @@ from scenarios.studies.comparison import (
     reference_lines,
     vehicle_line,
 )
-from scenarios.studies.published import Row
+from scenarios.studies.declaration import Row
 from scenarios.studies.study import (
     MethodDetermination,
     MethodResult,

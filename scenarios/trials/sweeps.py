@@ -45,7 +45,7 @@ from scenarios.responses.loops import MINUS, UNITS, loop_tables, margin_lines, m
 from scenarios.responses.reading import Names
 from scenarios.responses.report import fit_lines, fit_tables, responses_csv
 from scenarios.studies.comparison import SCHEMA, distance_text, estimate_content
-from scenarios.studies.published import Row
+from scenarios.studies.declaration import Row
 from scenarios.studies.schema import Quantity, Strict, positive, positive_si, si
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import LoopNoise, loop_test, open_loop

@@ -25,7 +25,7 @@ from scenarios.report.quantities import (
 )
 from scenarios.report.summary import table_lines
 from scenarios.responses.loops import UNITS
-from scenarios.studies.published import Row
+from scenarios.studies.declaration import Row
 from scenarios.studies.text import with_display
 from sim.effects.library import library
 
