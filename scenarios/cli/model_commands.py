@@ -96,7 +96,6 @@ def identify(
     output: Output,
 ) -> None:
     """Parameters of a model from measured records."""
-    from scenarios.files.measured.columns import path_of
     from scenarios.identification.assessment import Options
     from scenarios.identification.files import (
         refuse_place,
@@ -122,10 +121,7 @@ def identify(
     )
     with output.writing("comparison.json") as target:
         if matrices is not None:
-            paths = [path_of(each) for each in (*request.records, *request.validate)]
-            if target.out is not None:
-                paths += [target.out / "comparison.json", target.out / "record.csv"]
-            refuse_place(matrices, [path for path in paths if path is not None])
+            refuse_place(matrices, _files_of(request, target.out))
         identified = identify_files(
             request, method, Options(None if profile is None else profiled, band, engine)
         )
@@ -138,6 +134,15 @@ def identify(
                 print(f"matrices written to {matrices}")
 
         target.finish(identified, write_identification, show)
+
+
+def _files_of(request: Request, out: Path | None) -> list[Path]:
+    """Return the files that an identification reads, and the main ones that it writes."""
+    from scenarios.files.measured.columns import path_of
+
+    paths = [path_of(each) for each in (*request.records, *request.validate)]
+    written = [] if out is None else [out / "comparison.json", out / "record.csv"]
+    return [*(path for path in paths if path is not None), *written]
 
 
 # ---- flightid diagnose
