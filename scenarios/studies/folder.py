@@ -28,7 +28,7 @@ from scenarios.report.quantities import as_text
 from scenarios.report.summary import HERE
 from scenarios.studies.campaign import CampaignRuns, Spread
 from scenarios.studies.campaign_causes import Judgement
-from scenarios.studies.campaign_report import findings_content
+from scenarios.studies.campaign_report import campaign_page, findings_content
 from scenarios.studies.campaign_statistics import (
     NORMAL,
     SIGMAS,
@@ -37,10 +37,9 @@ from scenarios.studies.campaign_statistics import (
     statistics_csv,
 )
 from scenarios.studies.comparison import comparison, determination_csv, history_csv
-from scenarios.studies.page import campaign_page, study_page
 from scenarios.studies.study import MethodDetermination, MethodResult, StudyResult
 from scenarios.studies.sweep import Sweep, criteria_of, sweep_csv
-from scenarios.studies.text import print_study
+from scenarios.studies.text import print_study, study_page
 from sim.truth.flight import INTEGRATION_TOLERANCE, Truth
 
 if TYPE_CHECKING:
