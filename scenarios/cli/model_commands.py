@@ -106,8 +106,6 @@ def identify(
     from scenarios.identification.identify import identify_files
     from scenarios.identification.report import print_identification
 
-    # An empty tuple means all parameters.
-    profiled = () if profile and "all" in profile else tuple(dict.fromkeys(profile or ()))
     plan = preparation.plan(records, trusted=trust)
     request = Request(
         tuple(records),
@@ -122,9 +120,7 @@ def identify(
     with output.writing("comparison.json") as target:
         if matrices is not None:
             refuse_place(matrices, _files_of(request, target.out))
-        identified = identify_files(
-            request, method, Options(None if profile is None else profiled, band, engine)
-        )
+        identified = identify_files(request, method, Options(_profiled(profile), band, engine))
         state_space = state_space_of(identified.found) if matrices is not None else None
 
         def show(details: str) -> None:
@@ -134,6 +130,13 @@ def identify(
                 print(f"matrices written to {matrices}")
 
         target.finish(identified, write_identification, show)
+
+
+def _profiled(names: list[str] | None) -> tuple[str, ...] | None:
+    """Return the parameters to profile; empty for all, None for none."""
+    if names is None:
+        return None
+    return () if "all" in names else tuple(dict.fromkeys(names))
 
 
 def _files_of(request: Request, out: Path | None) -> list[Path]:
