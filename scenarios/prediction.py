@@ -196,7 +196,7 @@ def predict_record(request: PredictionRequest) -> PredictionResult:
         after,
         before,
         (*files_read_unnamed([source], None), *notes),
-        _warnings(ready),
+        (*ready.doubts, *ready.look.set_aside),
         all_simulated([source]),
         verdicts_of(tests, record, channels, after.rows) if after.figures is not None else (),
         residuals_of(request.study),
@@ -319,10 +319,6 @@ def _refuse_without_attitude(stored: StoredModel, declared: Model, record: Recor
         raise RecordError(
             what, where=record.name, remedy="give a record with theta, or make the study without it"
         )
-
-
-def _warnings(ready: PreparedData) -> tuple[str, ...]:
-    return (*ready.doubts, *ready.look.set_aside)
 
 
 def figures_of(simulation: Simulation) -> Mapping[str, Mapping[str, float]]:

@@ -112,7 +112,7 @@ def _list_effects() -> None:
     for name in names:
         effect = find_effect(name)
         start = f"{name:{width}}  {effect.station.value:11}  "
-        clause = _first_clause(effect.explanation)
+        clause = " ".join(effect.explanation.split()).split(". ")[0].split(": ")[0].rstrip(".")
         print(start + textwrap.shorten(clause, LIST_WIDTH - len(start), placeholder=" ..."))
 
 
@@ -200,10 +200,6 @@ def show_vehicles(name: str | None, other: str | None) -> None:
         rows.append((change.name, unit, *values))
     columns = columns_of(("parameter", "unit", name, other), rows, left=2)
     print_table(out, f"{name} against {other}", columns)
-
-
-def _first_clause(text: str) -> str:
-    return " ".join(text.split()).split(". ")[0].split(": ")[0].rstrip(".")
 
 
 def _range_text(bounds: tuple[float, float], factor: float) -> str:

@@ -256,7 +256,7 @@ def _unnamed(layout: Layout, width: int, file: str) -> tuple[tuple[str, ...], tu
     """
     cells = _commented_header(layout, width)
     if not cells:
-        return _numbered(width), ()
+        return tuple(UNNAMED.format(n + 1) for n in range(width)), ()
     note = f"the header is the comment in row {len(layout.above)}"
     return tuple(header_cell(cell, file) for cell in cells), (note,)
 
@@ -273,10 +273,6 @@ def _commented_header(layout: Layout, width: int) -> tuple[str, ...]:
     if len(cells) != width or any(map(is_number, cells)):
         return ()
     return cells if any(map(is_known, cells)) else ()
-
-
-def _numbered(count: int) -> tuple[str, ...]:
-    return tuple(UNNAMED.format(n + 1) for n in range(count))
 
 
 def _are_titles(above: Sequence[str]) -> list[bool]:
