@@ -40,7 +40,7 @@ from scenarios.report.figure_formats import formats_of
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
-    from scenarios.trials.planted.own_flight import OwnFlight
+    from scenarios.trials.own_flight import OwnFlight
 
 # ---- flightid run
 
@@ -130,7 +130,7 @@ def scenario_or_own(
             where="--model",
             remedy="leave one of the two out",
         )
-    from scenarios.trials.planted.own_flight import OwnFlight
+    from scenarios.trials.own_flight import OwnFlight
 
     return OwnFlight(
         model, vehicle, tuple(inputs or ()), tuple(noise or ()), tuple(hidden or ()), duration, rate

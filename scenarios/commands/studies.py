@@ -25,8 +25,8 @@ from scenarios.tasks.study import Execution, stopped
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
-    from scenarios.trials.planted.declaration import TraceScenario
-    from scenarios.trials.planted.own_flight import OwnFlight
+    from scenarios.trials.own_flight import OwnFlight
+    from scenarios.trials.planted_declaration import TraceScenario
 
 
 # ---- flightid compare, and flightid run --compare
@@ -68,7 +68,7 @@ def simulate_jsbsim(name: str, out: Path, seed: int | None, changes: Sequence[st
     """Write record, vehicle files and true values of a flight by JSBSim; return the files."""
     from scenarios.files.writing import files_together
     from scenarios.studies.catalogue import load_document, scenario_file
-    from scenarios.trials.jsbsim.flight import fly_jsbsim, jsbsim_of, write_jsbsim
+    from scenarios.trials.jsbsim_flight import fly_jsbsim, jsbsim_of, write_jsbsim
 
     flight = jsbsim_of(*load_document(name, changes))
     if seed is None:
@@ -96,7 +96,7 @@ def simulate_jsbsim(name: str, out: Path, seed: int | None, changes: Sequence[st
 def simulate_trace(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> list[Path]:
     """Write the records and vehicle file of a tracing scenario; return the files."""
     from scenarios.studies.catalogue import load_document, scenario_file
-    from scenarios.trials.planted.flights import trace_scenario_of
+    from scenarios.trials.planted_flights import trace_scenario_of
 
     return _write_trace(
         trace_scenario_of(*load_document(name, changes)), scenario_file(name), out, seed
@@ -108,8 +108,8 @@ def simulate_own(
 ) -> list[Path]:
     """Write the records and vehicle file of a flight of a user's model; return the files."""
     from scenarios.studies.catalogue import with_changes
-    from scenarios.trials.planted.flights import trace_scenario_of
-    from scenarios.trials.planted.own_flight import trace_document
+    from scenarios.trials.own_flight import trace_document
+    from scenarios.trials.planted_flights import trace_scenario_of
 
     document = with_changes(trace_document(flight), changes)
     scenario = trace_scenario_of(document, Path(flight.model).stem, flight.model)
@@ -124,7 +124,7 @@ def _write_trace(scenario: TraceScenario, file: str, out: Path, seed: int | None
     same folder. ``file`` declares the scenario; errors name it.
     """
     from scenarios.files.writing import files_together, write_record
-    from scenarios.trials.planted.flights import fly_trace
+    from scenarios.trials.planted_flights import fly_trace
 
     with named_after(file):
         flown = fly_trace(scenario, scenario.seed if seed is None else seed)
@@ -380,7 +380,7 @@ def own_campaign(
     """
     from scenarios.studies.catalogue import with_changes
     from scenarios.studies.reading import scenario_of
-    from scenarios.trials.planted.own_flight import study_document
+    from scenarios.trials.own_flight import study_document
 
     document = with_changes(study_document(flight), changes)
     rebuilt = Rebuilt(document, Path(flight.model).stem, flight.model)

@@ -74,7 +74,7 @@ class Plan:
         for option, value in (("--rate", self.rate), ("--lowpass", self.lowpass)):
             if value is None:
                 continue
-            if not (isinstance(value, Real) and not isinstance(value, bool)):
+            if not _is_number(value):
                 raise DeclarationError(
                     f"{value!r:.60} is no frequency",
                     where=option,
@@ -84,6 +84,10 @@ class Plan:
                 raise DeclarationError(
                     f"{value:g} Hz is no frequency", where=option, remedy="give a number above zero"
                 )
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def refuse_reversed(start: float | None, stop: float | None, where: str) -> None:

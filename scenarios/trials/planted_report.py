@@ -43,9 +43,9 @@ from scenarios.report.quantities import quantity_text, shown_in
 from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
 from scenarios.studies.comparison import distance_text
-from scenarios.trials.planted.declaration import hidden_units
-from scenarios.trials.planted.flights import write_simulated
-from scenarios.trials.planted.study import TRUE, Scored, TraceStudy
+from scenarios.trials.planted_declaration import hidden_units
+from scenarios.trials.planted_flights import write_simulated
+from scenarios.trials.planted_study import TRUE, Scored, TraceStudy
 
 # ---- A tracing study in words and tables for the terminal
 

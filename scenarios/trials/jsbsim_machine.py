@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.trials.jsbsim.declaration import (
+from scenarios.trials.jsbsim_declaration import (
     FOOT,
     KNOT,
     NEEDS,

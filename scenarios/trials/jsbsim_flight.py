@@ -19,7 +19,7 @@ from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
 from scenarios.files.sources import versions
 from scenarios.files.writing import write_json, write_record, write_text
 from scenarios.studies.schema import Quantity, positive, positive_si, si
-from scenarios.trials.jsbsim.declaration import (
+from scenarios.trials.jsbsim_declaration import (
     CONDITIONS,
     CONTROLS,
     DURATIONS,
@@ -36,7 +36,7 @@ from scenarios.trials.jsbsim.declaration import (
     spoiled,
     surfaces_of,
 )
-from scenarios.trials.jsbsim.machine import (
+from scenarios.trials.jsbsim_machine import (
     LEAST_FRAME_RATE,
     Condition,
     JsbsimSignals,

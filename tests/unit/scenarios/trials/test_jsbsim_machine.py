@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from scenarios.trials.jsbsim.machine import INERTIA, POUND, READ, SLUG, Condition, _refuse_departure
+from scenarios.trials.jsbsim_machine import INERTIA, POUND, READ, SLUG, Condition, _refuse_departure
 from sim.errors import DeclarationError
 
 CONDITION = Condition("A320", 6000.0, 200.0, 0.0025)

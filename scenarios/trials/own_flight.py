@@ -25,8 +25,8 @@ from scenarios.preparation.declared_model import (
 from scenarios.studies.declaration import KINDS, ManeuverPlan, maneuver_of
 from scenarios.studies.estimating import FIT_STEP
 from scenarios.studies.schema import positive_si, si
-from scenarios.trials.planted.declaration import find_term
-from scenarios.trials.planted.flights import off
+from scenarios.trials.planted_declaration import find_term
+from scenarios.trials.planted_flights import off
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.effects.library import effects_for

@@ -37,7 +37,7 @@ from scenarios.studies.schema import (
     si,
     standard_deviations,
 )
-from scenarios.trials.planted.declaration import (
+from scenarios.trials.planted_declaration import (
     CLOSED_LOOP,
     Expectation,
     HiddenTerm,

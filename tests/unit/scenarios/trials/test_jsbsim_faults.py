@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenarios.trials.jsbsim.declaration import (
+from scenarios.trials.jsbsim_declaration import (
     HAND_TRAVEL_TIME,
     SLOTS,
     JsbsimFlight,
