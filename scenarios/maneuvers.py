@@ -399,10 +399,7 @@ def maneuvers_page(found: FoundManeuvers, drawn: Sequence[Drawn] = ()) -> Page:
             *section(
                 "Maneuvers",
                 maneuvers_table(found),
-                Prose(
-                    f"Start and end are the times of the input. {as_sentence(PART)}",
-                    "note",
-                ),
+                Prose(f"Start and end are the times of the input. {as_sentence(PART)}", "note"),
             ),
             *section("How they are used", Bullets(used)),
         ),

@@ -15,10 +15,7 @@ from scenarios.files.declarations import CHANNEL_UNITS, read_channel_map
 from scenarios.files.measured.columns import RecordFile, all_simulated, opened
 from scenarios.files.sources import InputFile, versions
 from scenarios.files.user_models import OwnModel, channel_units
-from scenarios.files.vehicles import (
-    files_read_unnamed,
-    vehicle_with_file,
-)
+from scenarios.files.vehicles import files_read_unnamed, vehicle_with_file
 from scenarios.files.writing import PREDICTED, csv_text, study_folder, write_json, write_text
 from scenarios.identification.assessment import pooled_fits, record_fits
 from scenarios.identification.conditions import PATH, with_weight
@@ -285,9 +282,7 @@ def _user_effects(
         return checked_effects(effects, model, "effects")
     if known is None:
         raise DeclarationError(
-            "the study used no user effects",
-            where="--effects",
-            remedy="leave it out",
+            "the study used no user effects", where="--effects", remedy="leave it out"
         )
     return read_effects(unchanged_file(effects, known, "--effects"), model)
 

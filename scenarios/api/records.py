@@ -241,12 +241,7 @@ def file_of_columns(
     )
     sidecar = Sidecar(label, hold or Hold.PREVIOUS, dict(units or {}), hold is not None)
     return RecordFile(
-        Path(label),
-        table,
-        sidecar,
-        InputFile(label, digest_of(table)),
-        {},
-        in_memory=True,
+        Path(label), table, sidecar, InputFile(label, digest_of(table)), {}, in_memory=True
     )
 
 

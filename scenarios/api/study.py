@@ -16,14 +16,7 @@ from ident.flying_qualities.state_space import state_space, to_control
 from scenarios.api import plot, tables
 from scenarios.api.diagnosis import Diagnosis
 from scenarios.api.record import Record, record_of
-from scenarios.api.requests import (
-    KEPT,
-    LOADERS,
-    Flight,
-    Runner,
-    flown,
-    no_progress,
-)
+from scenarios.api.requests import KEPT, LOADERS, Flight, Runner, flown, no_progress
 from scenarios.api.shown import (
     Parameter,
     Parameters,

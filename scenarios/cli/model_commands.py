@@ -488,8 +488,7 @@ WatchIdle = Annotated[
 ]
 WatchUntilEnd = Annotated[bool, flag("--until-end", "Do not wait for the file to grow.")]
 WatchRefine = Annotated[
-    bool,
-    typer.Option(help="Linearise again during the stream, and fit all rows again at its end."),
+    bool, typer.Option(help="Linearise again during the stream, and fit all rows again at its end.")
 ]
 WatchPage = Annotated[
     bool, flag("--page", "Serve a page of the stream to the browser of this machine, until Ctrl-C.")

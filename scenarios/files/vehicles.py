@@ -9,11 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from scenarios.files.aircraft_files import (
-    model_of_file,
-    read_model_file,
-    vehicle_source,
-)
+from scenarios.files.aircraft_files import model_of_file, read_model_file, vehicle_source
 from scenarios.files.declarations import checked, closest, toml_of
 from scenarios.files.measured.columns import RecordFile, path_of
 from scenarios.files.sources import InputFile, Source

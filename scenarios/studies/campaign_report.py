@@ -32,10 +32,7 @@ from scenarios.report.figure_formats import Drawn
 from scenarios.report.folder import figures
 from scenarios.report.quantities import console, number_text, shown_in
 from scenarios.report.summary import BELOW, Summary, print_summary
-from scenarios.report.terminal import (
-    show_blocks,
-    show_table,
-)
+from scenarios.report.terminal import show_blocks, show_table
 from scenarios.studies.campaign import CampaignRuns, Spread
 from scenarios.studies.campaign_causes import (
     COLOUR,
@@ -58,9 +55,7 @@ from scenarios.studies.campaign_trials import (
     Level,
     Levels,
 )
-from scenarios.studies.comparison import (
-    distance_text,
-)
+from scenarios.studies.comparison import distance_text
 
 # ---- Statistics of a campaign in sentences and tables
 

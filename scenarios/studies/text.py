@@ -34,13 +34,7 @@ from scenarios.report.document import (
 )
 from scenarios.report.figure_formats import Drawn
 from scenarios.report.folder import first_figure
-from scenarios.report.quantities import (
-    console,
-    derived_line,
-    is_frequency,
-    shown_in,
-    test_line,
-)
+from scenarios.report.quantities import console, derived_line, is_frequency, shown_in, test_line
 from scenarios.report.summary import (
     BELOW,
     TEXT,

@@ -80,13 +80,7 @@ def _sheet_table(path: Path, sheet: str, rows: list[list[Any]]) -> CellTable | N
     columns = tuple(
         _sheet_column([rows[i][column] for i in filled_rows]) for column in range(width)
     )
-    return CellTable(
-        where,
-        header,
-        columns,
-        np.array(filled_rows, dtype=int) + 1,
-        units=units,
-    )
+    return CellTable(where, header, columns, np.array(filled_rows, dtype=int) + 1, units=units)
 
 
 def _sheet_column(cells: list[Any]) -> np.ndarray:
