@@ -32,13 +32,10 @@ from scenarios.files.user_models import is_own
 from scenarios.identification.files import linearised
 from scenarios.report.figure_formats import Formats
 from scenarios.studies import campaign as campaigns
-from scenarios.studies.campaign import Rebuilt
 from scenarios.studies.campaign_causes import Judgement, judge
 from scenarios.studies.campaign_report import findings_content
 from scenarios.studies.catalogue import (
     IDENTIFICATION,
-    load_document,
-    moved,
     scenario_file,
     scenario_kind,
 )
@@ -489,28 +486,19 @@ def campaign(
     """
     text = str(name)
     count = _count_of(runs)
-    kind = scenario_kind(text)
-    if kind == "trace":
-        raise moved(f"a campaign of {text}", f"hidden-effects {text}", "campaign")
-    if kind != IDENTIFICATION:
-        what = f"there is no campaign of a scenario of kind {kind}"
-        raise DeclarationError(what, where="campaign", remedy="name a scenario of estimators")
+    rebuilt = campaigns.campaign_scenario(text, changes_of(set), "campaign")
     execution = Execution(
         jobs, None if out is None else path_given(out), resume, cluster, time_limit
     )
-    document, short, where = load_document(text, changes_of(set))
-    rebuilt_scenario = Rebuilt(
-        {key: value for key, value in document.items() if key != "kind"}, short, where
-    )
-    with named_after(where):
+    with named_after(rebuilt.where):
         found = campaigns.fly_campaign(
-            rebuilt_scenario.scenario(),
+            rebuilt.scenario(),
             count,
             seed_of(seed),
             method or "main",
             no_progress,
             execution,
-            rebuilt_scenario,
+            rebuilt,
         )
     if len(found.seeds) < found.asked:
         # A program must not continue as if all runs had finished.

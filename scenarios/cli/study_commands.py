@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -207,7 +206,7 @@ def campaign(
 ) -> None:
     """Monte Carlo: bias, scatter against reported sigma, coverage."""
     from scenarios.cli.options import output_options
-    from scenarios.commands.studies import own_campaign, refuse_method, run_campaign
+    from scenarios.commands.studies import run_campaign
     from scenarios.tasks.study import Execution
 
     flight = scenario_or_own(name, model, vehicle, inputs, noise, None, duration, rate)
@@ -217,21 +216,17 @@ def campaign(
         )
     formats, documents = formats_of(figures, no_figures), ["campaign.json"]
     with output_options(out, formats, quiet=quiet, as_json=as_json, documents=documents) as target:
-        run = partial(
-            run_campaign if isinstance(flight, str) else own_campaign,
-            runs=runs,
-            seed=seed,
-            execution=Execution(jobs, target.out, resume, cluster, time_limit),
-            changes=changes or [],
-            figures=target.figures,
+        run_campaign(
+            flight,
+            runs,
+            seed,
+            Execution(jobs, target.out, resume, cluster, time_limit),
+            changes or [],
+            method,
+            target.figures,
             levels=noise_levels,
             progress=target.progress,
         )
-        if isinstance(flight, str):
-            run(flight, method=method)
-        else:
-            refuse_method(method)
-            run(flight)
 
 
 # ---- flightid compare

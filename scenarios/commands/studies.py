@@ -15,11 +15,10 @@ from scenarios.files.writing import unwritable, write_text
 from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.report.summary import details_in, written_to
 from scenarios.report.terminal import progress_bar
-from scenarios.studies.campaign import CampaignRuns, Rebuilt, fly_campaign
+from scenarios.studies.campaign import CampaignRuns, Rebuilt, campaign_scenario, fly_campaign
 from scenarios.studies.campaign import Progress as CampaignProgress
 from scenarios.studies.campaign_causes import Judgement, judge
 from scenarios.studies.campaign_report import print_campaign
-from scenarios.studies.declaration import Scenario
 from scenarios.studies.folder import write_campaign
 from scenarios.tasks.study import Execution, stopped
 from sim.errors import DeclarationError
@@ -363,35 +362,8 @@ def _refuse_same_names(names: Sequence[str]) -> None:
 # ---- flightid campaign: Monte Carlo simulation
 
 
-def own_campaign(
-    flight: OwnFlight,
-    runs: int,
-    seed: int | None,
-    execution: Execution,
-    changes: Sequence[str],
-    figures: Formats = USUAL,
-    *,
-    levels: bool = False,
-    progress: bool = True,
-) -> None:
-    """Run a campaign of a user's model, as ``run_campaign`` does for a scenario.
-
-    ``flight`` is the flight of the user's model, as the options of the command describe it.
-    """
-    from scenarios.studies.catalogue import with_changes
-    from scenarios.studies.reading import scenario_of
-    from scenarios.trials.own_flight import study_document
-
-    document = with_changes(study_document(flight), changes)
-    rebuilt = Rebuilt(document, Path(flight.model).stem, flight.model)
-    scenario = scenario_of(rebuilt.document, rebuilt.name, rebuilt.where)
-    _run_campaign(
-        scenario, rebuilt, runs, seed, execution, figures, levels=levels, progress=progress
-    )
-
-
 def run_campaign(
-    name: str,
+    flight: str | OwnFlight,
     runs: int,
     seed: int | None,
     execution: Execution,
@@ -402,79 +374,41 @@ def run_campaign(
     levels: bool = False,
     progress: bool = True,
 ) -> None:
-    """Run a campaign of a scenario of identification, print it and write it.
+    """Run a campaign, print it and write it.
 
     Parameters
     ----------
-    name : the scenario.
+    flight : a scenario of identification, or the flight of a user's model.
     runs : number of runs.
     seed : seed of the first run; None takes that of the scenario.
     execution : where the runs are computed and written.
     changes : changes of the scenario file, as ``"KEY=VALUE"``.
-    method : the estimator; None takes the main one of the scenario.
+    method : the estimator; None takes the main one of the scenario. A user's model has only one.
     figures : formats of the figures.
     levels : estimate noise levels by likelihood, even if all reported sigmas are right.
     progress : show a progress bar.
 
     After Ctrl-C, the finished runs are printed and written.
     """
-    from scenarios.studies.catalogue import (
-        IDENTIFICATION,
-        load_document,
-        load_scenario,
-        moved,
-        scenario_kind,
-    )
+    if isinstance(flight, str):
+        rebuilt = campaign_scenario(flight, changes)
+    else:
+        from scenarios.studies.catalogue import with_changes
+        from scenarios.trials.own_flight import study_document
 
-    kind = scenario_kind(name)
-    if kind == "trace":
-        raise moved(f"a campaign of {name}", f"hidden-effects {name}")
-    if kind != IDENTIFICATION:
-        what = f"there is no campaign of a scenario of kind {kind}"
-        raise DeclarationError(what, where=name, remedy="name a scenario of estimators")
-    document, short_name, where = load_document(name, changes)
-    rebuilt = Rebuilt(
-        {key: value for key, value in document.items() if key != "kind"}, short_name, where
-    )
-    _run_campaign(
-        load_scenario(name, changes),
-        rebuilt,
-        runs,
-        seed,
-        execution,
-        figures,
-        method or "main",
-        levels=levels,
-        progress=progress,
-    )
-
-
-def refuse_method(method: str | None) -> None:
-    """Raise DeclarationError if a method is named for a campaign that has only one."""
-    if method is not None:
-        raise DeclarationError(
-            "this campaign has no methods to choose from", where="--method", remedy="leave it out"
-        )
-
-
-def _run_campaign(
-    scenario: Scenario,
-    rebuilt: Rebuilt,
-    runs: int,
-    seed: int | None,
-    execution: Execution,
-    figures: Formats,
-    method: str = "main",
-    *,
-    levels: bool = False,
-    progress: bool = True,
-) -> None:
-    """Run a campaign, print it and write it; the parameters are those of ``run_campaign``.
-
-    ``rebuilt`` is the document of the scenario, from which other processes build it again.
-    """
+        if method is not None:
+            raise DeclarationError(
+                "this campaign has no methods to choose from",
+                where="--method",
+                remedy="leave it out",
+            )
+        document = with_changes(study_document(flight), changes)
+        rebuilt = Rebuilt(document, Path(flight.model).stem, flight.model)
+    scenario = rebuilt.scenario()
     with named_after(rebuilt.where), progress_bar(progress) as show_progress:
-        campaign = fly_campaign(scenario, runs, seed, method, show_progress, execution, rebuilt)
+        campaign = fly_campaign(
+            scenario, runs, seed, method or "main", show_progress, execution, rebuilt
+        )
         judgement, complete = _judgement_of(campaign, levels, show_progress)
     out = execution.out
     print_campaign(campaign, details=details_in(out), judgement=judgement)

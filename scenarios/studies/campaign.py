@@ -241,6 +241,31 @@ class Rebuilt:
         return scenario_of(self.document, self.name, self.where)
 
 
+def campaign_scenario(name: str, changes: Sequence[str], where: str = "") -> Rebuilt:
+    """Return a scenario of identification with changes, for a campaign.
+
+    Parameters
+    ----------
+    name : a name or a path as in ``load_document``.
+    changes : changes of the scenario file, as ``"KEY=VALUE"``.
+    where : place of the name in messages.
+
+    Raises
+    ------
+    DeclarationError : there is no such scenario, or it is of another kind.
+    """
+    from scenarios.studies.catalogue import IDENTIFICATION, load_document, moved, scenario_kind
+
+    kind = scenario_kind(name)
+    if kind == "trace":
+        raise moved(f"a campaign of {name}", f"hidden-effects {name}", where or "flightid")
+    if kind != IDENTIFICATION:
+        what = f"there is no campaign of a scenario of kind {kind}"
+        raise DeclarationError(what, where=where or name, remedy="name a scenario of estimators")
+    document, short, file = load_document(name, changes)
+    return Rebuilt({key: value for key, value in document.items() if key != "kind"}, short, file)
+
+
 def _rebuilt(rebuilt_scenario: Rebuilt, method: str) -> EstimatorRuns:
     """Return the runs of a method of a rebuilt scenario."""
     scenario = rebuilt_scenario.scenario()
