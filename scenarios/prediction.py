@@ -253,11 +253,13 @@ def _predict_like_diagnosis(
     rows = [[each.before for each in found.predictions], [each.after for each in found.predictions]]
     record, (before, after) = put_together(whole, ready.validation, rows)
     channels = found.predictions[0].channels
-    wild = [
+    wrong_samples = [
         {name: ~mask[row] & part[name].valid for row, name in enumerate(channels)}
         for part, mask in zip(ready.validation, found.counted, strict=True)
     ]
-    parts = [without(part, masks) for part, masks in zip(ready.validation, wild, strict=True)]
+    parts = [
+        without(part, masks) for part, masks in zip(ready.validation, wrong_samples, strict=True)
+    ]
     return (
         record,
         Simulation(before, found.before),

@@ -365,12 +365,10 @@ def _refuse_files_of_others(scratch: Path, named: Path) -> None:
             and path not in ours
             and (path.suffix == ".json" or not ours)
         ):
-            what = (
-                "it stands where a file that goes with the record has to go, and flightid did not "
-                "write it"
-            )
             raise FlightidError(
-                what, where=str(path), remedy="move it away, or name another record file"
+                "a file of this name exists, and flightid did not write it",
+                where=str(path),
+                remedy="move it away, or name another record file",
             )
 
 
@@ -432,7 +430,7 @@ def _move_into_folder(scratch: Path, target: Path, main: str, created: list[Path
     for name in written:
         if (target / name).is_dir():
             raise FlightidError(
-                "a folder stands where a file has to go",
+                "there is a folder with the name of a file of the study",
                 where=str(target / name),
                 remedy="move it away, or name another folder",
             )

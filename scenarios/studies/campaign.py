@@ -395,7 +395,7 @@ def fly_campaign(
     runs : number of runs.
     seed : seed of the campaign; None: that of the scenario.
     method : name of the estimation.
-    progress : is told stage and share of the work that is done.
+    progress : called with the stage and the share of the work that is done, 0 to 1.
     execution : number of processes, folder of the rows, time limit; without effect on the numbers.
     rebuilt_scenario : content from which other processes rebuild a scenario with a user's
         functions.
@@ -432,7 +432,7 @@ def campaign_of(work: EstimatorRuns, table: RowTable, root: int) -> CampaignRuns
         raise ModelError(
             what,
             where=f"estimation {estimation.name}",
-            remedy="give it other starting values, or a flight that tells more",
+            remedy="give it other starting values, or a flight that determines more",
         )
     values, std = (
         np.array([columns[f"{kind}{name}"][kept] for name in names]) for kind in (ESTIMATE, SIGMA)

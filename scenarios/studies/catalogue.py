@@ -186,7 +186,7 @@ def _put(table: Any, path: list[str], value: Any, key: str) -> Any:
         ]
     if not isinstance(table, dict):
         raise DeclarationError(
-            f"{key}: nothing stands inside {first!r}",
+            f"{key}: {first!r} is no table",
             where="--set",
             remedy="name a key of the scenario's file",
         )

@@ -388,27 +388,27 @@ def comparison(study: StudyResult) -> dict[str, Any]:
         content["repeated"] = [_repeated(scatter) for scatter in study.repeated]
     if len(study.methods) > 1:
         content["methods"] = {
-            method.estimation.name: method_content(method) | _departures(study, method)
+            method.estimation.name: method_content(method) | _differences(study, method)
             for method in study.methods[1:]
         }
     return content
 
 
-def _departures(study: StudyResult, method: MethodResult) -> dict[str, Any]:
+def _differences(study: StudyResult, method: MethodResult) -> dict[str, Any]:
     """Return the choices of a method, and its own flight if it has one, SI."""
     estimation, flight = method.estimation, method.estimation.flight
-    departures: dict[str, Any] = {}
+    differences: dict[str, Any] = {}
     if estimation.choices:
-        departures["own"] = choices_content(estimation.choices)
+        differences["own"] = choices_content(estimation.choices)
     if flight is not None:
         changed = {
             name: value
             for name, value in other_flight(study.scenario, estimation).items()
             if name != "maneuvers"
         }
-        departures["flight"] = changed
-        departures["distance"] = estimation.distance or study.scenario.distance
-    return departures
+        differences["flight"] = changed
+        differences["distance"] = estimation.distance or study.scenario.distance
+    return differences
 
 
 def flexibility_content(found: Flexibility) -> dict[str, Any]:

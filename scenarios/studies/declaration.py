@@ -281,7 +281,7 @@ def _choices(own: Mapping[str, Any], table: Any, where: str, above: str) -> Iter
             raise DeclarationError(
                 "the file has no such value",
                 where=f"{where}.{key}",
-                remedy="name a key that stands in it, or leave it out",
+                remedy="name a key of it, or leave it out",
             )
         if isinstance(reason, Mapping):
             yield from _choices(reason, value, where, f"{key}.")

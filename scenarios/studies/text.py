@@ -417,8 +417,10 @@ def within_line(rows: Sequence[Row], reference: str) -> str:
     )
 
 
-def _estimates(study: StudyResult, method: MethodResult, told: Sequence[str] = ()) -> list[Block]:
-    """Return tables and sentences of a method, without sentences that are ``told`` already."""
+def _estimates(
+    study: StudyResult, method: MethodResult, shown_before: Sequence[str] = ()
+) -> list[Block]:
+    """Return tables and sentences of a method, without sentences that were ``shown_before``."""
     scenario, estimation = study.scenario, method.estimation
     estimate = method.result.estimate
     flown = scenario.flown
@@ -435,14 +437,17 @@ def _estimates(study: StudyResult, method: MethodResult, told: Sequence[str] = (
         )
     ]
     blocks += [derived_table("Derived quantities", method.derived)] if method.derived else []
-    return [*blocks, *(Prose(as_sentence(line)) for line in sentences if line and line not in told)]
+    return [
+        *blocks,
+        *(Prose(as_sentence(line)) for line in sentences if line and line not in shown_before),
+    ]
 
 
 def _method(study: StudyResult, method: MethodResult) -> Section:
-    told = reference_lines(study.methods[0].rows, study.methods[0].estimation)
+    shown_before = reference_lines(study.methods[0].rows, study.methods[0].estimation)
     choices = Bullets(tuple(choice_lines(method.estimation.choices)))
     tests = Prose(as_sentence(test_line(method.tests))) if method.tests else None
-    blocks = _estimates(study, method, told)
+    blocks = _estimates(study, method, shown_before)
     return section(capital(method.estimation.label), *blocks, tests, choices)[0]
 
 

@@ -222,7 +222,7 @@ Signals = Mapping[str, np.ndarray]
 STILL_DEFLECTION = 1e-9  # rad per frame, below which a surface does not move
 
 
-def spoiled(signals: Signals, flight: JsbsimFlight) -> dict[str, np.ndarray]:
+def with_faults(signals: Signals, flight: JsbsimFlight) -> dict[str, np.ndarray]:
     """Return the signals with the declared faults: vanes, play, then delays."""
     shown, time = dict(signals), signals["time"]
     if flight.vane_ahead:

@@ -33,8 +33,8 @@ from scenarios.trials.jsbsim_declaration import (
     named,
     refuse_unknown_aircraft,
     rehearsal,
-    spoiled,
     surfaces_of,
+    with_faults,
 )
 from scenarios.trials.jsbsim_machine import (
     LEAST_FRAME_RATE,
@@ -229,7 +229,7 @@ def _recorded(
     """Return the record: one sample per ``frames``, white noise on outputs, none on inputs."""
     signals = dict(simulated.signals)
     signals |= {f"a{axis}": signals[f"force_{axis}"] / signals["mass"] for axis in "xyz"}
-    shown = spoiled(signals, flight)
+    shown = with_faults(signals, flight)
     rows = slice(None, None, frames)
     outputs = []
     for name, unit in OUTPUTS.items():

@@ -287,7 +287,7 @@ def write_trace(study: TraceStudy, folder: str | Path, *, figures: Formats = USU
 
 def write_trial(
     tracing: Tracing,
-    given: Callable[[Path], object],
+    write_inputs: Callable[[Path], object],
     truth: dict[str, Any],
     comparison: dict[str, Any],
     folder: str | Path,
@@ -299,7 +299,7 @@ def write_trial(
 
     Parameters
     ----------
-    given : writes records and vehicle file into a folder.
+    write_inputs : writes records and vehicle file into a folder.
     truth, comparison : content of ``truth.json`` and ``comparison.json``.
     dressed : returns the page of the diagnosis with additions.
 
@@ -309,7 +309,7 @@ def write_trial(
     """
     write_diagnosis(tracing, folder, figures=figures, dressed=dressed)
     with study_folder(folder, MAIN) as scratch:
-        given(scratch)
+        write_inputs(scratch)
         write_json(scratch / "truth.json", truth)
         write_json(scratch / MAIN, comparison)
     return Path(folder)
