@@ -406,12 +406,15 @@ def list_(
     ] = None,
 ) -> None:
     """Scenarios, one line each; with a name, that scenario's file."""
-    from scenarios.commands.libraries import list_scenarios, show_scenario
+    from scenarios.studies.catalogue import scenario_names, scenario_text, scenario_title
 
-    if name is None:
-        list_scenarios()
-    else:
-        show_scenario(name)
+    if name is not None:
+        print(scenario_text(name), end="")  # unchanged, for ``flightid list rigid > mine.toml``
+        return
+    names = scenario_names()
+    width = max(map(len, names))
+    for each in names:
+        print(f"{each:{width}}  {scenario_title(each)}")
 
 
 def effects(

@@ -1,4 +1,4 @@
-"""Commands on libraries: list and show scenarios, effects, vehicles, models and labs."""
+"""Commands on libraries: list and show effects, vehicles, models and labs."""
 
 from __future__ import annotations
 
@@ -33,28 +33,11 @@ if TYPE_CHECKING:
     from sim.declaration.model import Equations, Model
 
 
-# ---- flightid list, flightid effects and flightid vehicles
+# ---- flightid effects and flightid vehicles
 
 LIST_WIDTH = 80  # characters of a line in a list
 WIDEST = 100  # most characters of a line of text or of a table
 UNLIMITED = 1e9  # SI; a bound of at least this size stands for no bound
-
-
-def list_scenarios() -> None:
-    """Print one line for each scenario."""
-    from scenarios.studies.catalogue import scenario_names, scenario_title
-
-    names = scenario_names()
-    width = max(len(name) for name in names)
-    for name in names:
-        print(f"{name:{width}}  {scenario_title(name)}")
-
-
-def show_scenario(name: str) -> None:
-    """Print a scenario's file unchanged, for ``flightid list rigid > mine.toml``."""
-    from scenarios.studies.catalogue import scenario_text
-
-    print(scenario_text(name), end="")
 
 
 CATCH_ALL_TERM = (

@@ -6,12 +6,14 @@ import tomllib
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from scenarios.files.declarations import closest, read_toml
 from scenarios.files.sources import DocumentError, toml_value
-from scenarios.studies.declaration import Scenario, methods_without_removed, without_removed
 from sim.errors import DeclarationError
+
+if TYPE_CHECKING:
+    from scenarios.studies.declaration import Scenario
 
 IDENTIFICATION = "identification"
 KINDS = (IDENTIFICATION, "trace", "x29", "sweep", "jsbsim")
@@ -147,6 +149,8 @@ def with_changes(document: dict[str, Any], changes: Sequence[str]) -> dict[str, 
 
 def with_change(document: dict[str, Any], change: str) -> dict[str, Any]:
     """Return a scenario's content with one ``"key=value"`` replaced. Raises DeclarationError."""
+    from scenarios.studies.declaration import methods_without_removed, without_removed
+
     key, equals, text = change.partition("=")
     if not equals or not key.strip():
         raise DeclarationError(
