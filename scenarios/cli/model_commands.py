@@ -41,7 +41,6 @@ from scenarios.cli.options import (
     with_groups,
 )
 from scenarios.preparation.plan import Request, plan_of, with_maneuvers
-from scenarios.report.figure_formats import formats_of
 from sim.errors import DeclarationError
 
 # Shares of the work, in the progress bar, that are done when the writing of a study begins.
@@ -379,21 +378,15 @@ def survey(
             where="FLIGHTS.toml",
             remedy="flightid survey --example prints one to edit",
         )
-    from scenarios.cli.options import output_options
     from scenarios.report.summary import details_in, terminal_width, written_to
     from scenarios.report.terminal import progress_bar
     from scenarios.survey.report import survey_text
     from scenarios.survey.survey import survey_flights
     from scenarios.tasks.processes import available_cores
 
+    output = Output(out, figures, no_figures, quiet, as_json)
     with (
-        output_options(
-            out,
-            formats_of(figures, no_figures),
-            quiet=quiet,
-            as_json=as_json,
-            documents=["survey.json"],
-        ) as target,
+        output.writing("survey.json") as target,
         TemporaryDirectory(prefix="flightid-") as temporary,
     ):
         with progress_bar(target.progress) as show_progress:
@@ -531,7 +524,6 @@ def watch(
     as_json: AsJson = False,
 ) -> None:
     """Identification of a stream: rows as they arrive, estimates against a reference."""
-    from scenarios.cli.options import output_options
     from scenarios.commands.watch import watch_loop, watch_stream
     from scenarios.watching.loop_margins import MAIN, loop_names
 
@@ -540,15 +532,14 @@ def watch(
     if excitation:
         signals.append(excitation)
     _refuse_mixed_watch(model, margins, signals)
+    output = Output(out, no_figures=True, quiet=quiet, as_json=as_json)
     if margins is not None:
         names = loop_names(margins, inputs or (), outputs or (), excitation)
-        with output_options(out, (), quiet=quiet, as_json=as_json, documents=[MAIN]) as target:
+        with output.writing(MAIN) as target:
             watch_loop(record, names, channels, target.out, idle, until_end, page, port, plan, band)
         return
     assert model is not None
-    with output_options(
-        out, (), quiet=quiet, as_json=as_json, documents=["comparison.json"]
-    ) as target:
+    with output.writing("comparison.json") as target:
         watch_stream(
             record,
             model,

@@ -35,7 +35,6 @@ from scenarios.cli.options import (
     valued,
     with_groups,
 )
-from scenarios.report.figure_formats import formats_of
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
@@ -65,17 +64,11 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Simulate, identify and compare: true, estimated, published."""
-    from scenarios.cli.options import output_options
     from scenarios.commands.studies import documents_of, run_and_compare, run_scenarios
 
     command = run_and_compare if compare else run_scenarios
-    with output_options(
-        out,
-        formats_of(figures, no_figures),
-        quiet=quiet,
-        as_json=as_json,
-        documents=documents_of(names, compare),
-    ) as target:
+    output = Output(out, figures, no_figures, quiet, as_json)
+    with output.writing(*documents_of(names, compare)) as target:
         command(names, seed, target.out, changes or [], target.figures, progress=target.progress)
 
 
@@ -160,12 +153,11 @@ def simulate(
     ] = False,
 ) -> None:
     """The record of a scenario alone, or of a flight of a model of your own."""
-    from scenarios.cli.options import output_options
     from scenarios.commands.studies import files_text
     from scenarios.commands.studies import simulate as write_records
 
     flight = scenario_or_own(name, model, vehicle, inputs, noise, hidden, duration, rate)
-    with output_options(None, (), quiet=quiet or as_json, as_json=False):
+    with Output(no_figures=True, quiet=quiet or as_json).writing():
         files = write_records(flight, out, seed, changes or [])
     if as_json:
         print(files_text(files))
@@ -205,7 +197,6 @@ def campaign(
     as_json: AsJson = False,
 ) -> None:
     """Monte Carlo: bias, scatter against reported sigma, coverage."""
-    from scenarios.cli.options import output_options
     from scenarios.commands.studies import run_campaign
     from scenarios.tasks.study import Execution
 
@@ -214,8 +205,8 @@ def campaign(
         raise DeclarationError(
             "no number of runs is given", where="--runs", remedy="give two or more"
         )
-    formats, documents = formats_of(figures, no_figures), ["campaign.json"]
-    with output_options(out, formats, quiet=quiet, as_json=as_json, documents=documents) as target:
+    output = Output(out, figures, no_figures, quiet, as_json)
+    with output.writing("campaign.json") as target:
         run_campaign(
             flight,
             runs,
@@ -253,16 +244,10 @@ def compare(
     """Studies side by side: estimates, errors, published values and responses, from their folders
     alone.
     """
-    from scenarios.cli.options import output_options
     from scenarios.commands.studies import compare_studies
 
-    with output_options(
-        out,
-        formats_of(figures, no_figures),
-        quiet=quiet,
-        as_json=as_json,
-        documents=["compared.json"],
-    ) as target:
+    output = Output(out, figures, no_figures, quiet, as_json)
+    with output.writing("compared.json") as target:
         compare_studies(studies, target.out, every, target.figures)
 
 
