@@ -418,7 +418,6 @@ def errors_table(found: PredictionResult) -> Table:
 
 
 def _error_rows(found: PredictionResult, simulation: Simulation, label: str) -> list[list[Cell]]:
-    """Return a row of errors for each channel; ``label`` names the simulation."""
     errors = simulation.figures
     if errors is None:
         return [[label, *NO_FIT]]

@@ -356,7 +356,6 @@ class FrequencyResponse(SavedResult):
         return pandas.DataFrame(columns).set_index("frequency_Hz")
 
     def _places(self, output: str | None, input: str | None) -> tuple[int, int]:
-        """Return the indices of an output and an input, by default the first."""
         return _place(output, self.outputs, "output"), _place(input, self.inputs, "input")
 
     def to_control(self) -> control.FrequencyResponseData:

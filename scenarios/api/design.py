@@ -76,7 +76,6 @@ class Design(SavedResult):
         return record_of(input_of(self._maneuver(kind)))
 
     def _maneuver(self, kind: str | None) -> designing.DesignedManeuver:
-        """Return the maneuver of a kind; the best if there is none."""
         maneuvers = self.details.maneuvers
         return next((each for each in maneuvers if each.kind == kind), self.details.best)
 

@@ -310,7 +310,6 @@ def _times(given: Times) -> list[float] | None:
 
 
 def _listed(given: RecordSource | Sequence[RecordSource]) -> list[RecordSource]:
-    """Return one record or several as a list."""
     if given is None:
         return []
     return list(given) if isinstance(given, list | tuple) else [given]

@@ -454,7 +454,6 @@ def output_options(
 
 
 def _print_json(texts: Sequence[str]) -> None:
-    """Print a JSON document, or several as a list."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         # JSON is UTF-8; a pipe of Windows has another encoding.
         sys.stdout.reconfigure(encoding="utf-8", errors="backslashreplace")

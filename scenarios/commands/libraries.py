@@ -100,7 +100,6 @@ def _list_effects() -> None:
 
 
 def _parameter_columns(effect: Effect) -> list[TableColumn]:
-    """Return unit, start, bounds and plausible range of each parameter."""
     from scenarios.report.quantities import shown_in, unit_cell
 
     units = [shown_in(item.unit, item.name) for item in effect.parameters]
@@ -529,7 +528,6 @@ def open_lab(number: int, edit: bool, port: int | None, browser: bool, folder: P
 
 
 def _lab_file(number: int) -> Path:
-    """Return the notebook of a lab; raise DeclarationError if there is no such lab."""
     labs = lab_files()
     if number not in labs:
         raise DeclarationError(
@@ -541,7 +539,6 @@ def _lab_file(number: int) -> Path:
 
 
 def _refuse_taken_port(port: int) -> None:
-    """Raise DeclarationError if another program listens on a port."""
     with socket.socket() as probe:
         if probe.connect_ex((_HOST, port)) == 0:
             raise DeclarationError(

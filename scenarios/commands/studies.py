@@ -198,7 +198,6 @@ def run_scenarios(
 
 
 def _short_name(name: str) -> str:
-    """Return the name of a scenario, or the stem of its file."""
     return Path(name).stem if name.endswith(".toml") else name
 
 

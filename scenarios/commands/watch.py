@@ -305,7 +305,6 @@ def refuse_page(port: int | None, page: bool) -> None:
 
 
 def _report_unfinished(watch: Watch, lines: Lines) -> None:
-    """Report a last line that is incomplete."""
     if lines.unfinished and watch.header is not None:
         watch.line += 1
         report(watch, [Fault(watch.line, UNFINISHED)])
@@ -381,7 +380,6 @@ def _watch_of(
 
 @contextmanager
 def _open_stream(record: str, until_end: bool) -> Iterator[Read]:
-    """Open the stream and yield the function that reads it."""
     if record == PIPE:
         yield standard_input()
         return

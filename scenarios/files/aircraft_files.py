@@ -327,7 +327,6 @@ def _aircraft_of(vehicle: Mapping[str, Any], terms: Mapping[str, Any], stem: str
 
 
 def _thrust(table: Mapping[str, Any], stem: str) -> Thrust:
-    """Return the propulsion of the table ``[thrust]``."""
     where = f"{stem}, key thrust"
     thrust_input = table["input"]
     if thrust_input == "none":
@@ -410,7 +409,6 @@ def vehicle_file_text(aircraft: Aircraft, sigmas: Mapping[str, float] | None = N
 
 
 def _floats(table: Mapping[str, Any]) -> dict[str, float]:
-    """Return a table with its values as floats."""
     return {name: float(value) for name, value in table.items()}
 
 

@@ -213,7 +213,6 @@ def _shown(value: object) -> str:
 
 
 def _keys(schema: type[BaseModel] | None) -> list[str]:
-    """Return the keys of a schema in files."""
     if schema is None:
         return []
     return [field.alias or name for name, field in schema.model_fields.items()]

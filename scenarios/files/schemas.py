@@ -216,7 +216,6 @@ def number_of(target: str, gt: float | None = None, ge: float | None = None) -> 
 
 
 def _required_fields(types: Mapping[str, Any]) -> dict[str, Any]:
-    """Return required fields of pydantic from their types."""
     return {name: (field_type, ...) for name, field_type in types.items()}
 
 
@@ -455,7 +454,6 @@ FOLDER_NAME = r"^[A-Za-z0-9][A-Za-z0-9._+-]*$"  # name of a flight and of the fo
 
 
 def _date_text(value: object) -> object:
-    """Return a date of TOML as a text."""
     return value.isoformat() if isinstance(value, datetime.date | datetime.datetime) else value
 
 

@@ -373,7 +373,6 @@ def _refuse_files_of_others(scratch: Path, named: Path) -> None:
 
 
 def _is_ours(path: Path) -> bool:
-    """Return whether a JSON file has a schema of flightid."""
     content = json_or_none(path)
     return isinstance(content, dict) and str(content.get("schema", "")).startswith("flightid/")
 
@@ -481,7 +480,6 @@ def _create(folder: Path, created: list[Path]) -> None:
 
 
 def _remove_created(created: list[Path]) -> None:
-    """Remove the created folders that are empty."""
     for folder in reversed(created):
         with contextlib.suppress(OSError):
             folder.rmdir()

@@ -348,7 +348,6 @@ def _print_topics(draft: Draft, *, all_topics: bool) -> None:
 
 
 def _print_channels(draft: Draft) -> None:
-    """Print a table of the channels that were recognised, with their columns and ranges."""
     if draft.faults and not any(guess.samples for guess in draft.guesses):
         names = [guess.channel for guess in draft.guesses]
         if names:
@@ -383,7 +382,6 @@ def _print_table(columns: list[TableColumn]) -> None:
 
 
 def _refuse_existing_drafts(out: Path) -> None:
-    """Raise DeclarationError if a folder has a channel map or a vehicle file."""
     for name in (CHANNEL_MAP_FILE, VEHICLE_FILE):
         if (out / name).exists():
             raise DeclarationError(

@@ -267,7 +267,6 @@ def campaign_scenario(name: str, changes: Sequence[str], where: str = "") -> Reb
 
 
 def _rebuilt(rebuilt_scenario: Rebuilt, method: str) -> EstimatorRuns:
-    """Return the runs of a method of a rebuilt scenario."""
     scenario = rebuilt_scenario.scenario()
     by_name = {estimation.name: estimation for estimation in scenario.estimations}
     return EstimatorRuns(scenario, by_name[method], rebuilt_scenario)

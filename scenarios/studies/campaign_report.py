@@ -527,7 +527,6 @@ def broken_words(campaign: CampaignRuns) -> str:
 
 
 def _displayed(s: Spread) -> Spread:
-    """Return the spread of a parameter in its display unit."""
     factor, unit = shown_in(s.unit, s.name)
     sizes = {key: factor * getattr(s, key) for key in ("reference", "bias", "scatter", "reported")}
     return replace(s, unit=unit, **sizes)

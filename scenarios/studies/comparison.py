@@ -538,7 +538,6 @@ def check_display(study: StudyResult) -> None:
 
 
 def _row(row: Row) -> dict[str, Any]:
-    """Return a parameter with its true, condensed and published value, if it has them."""
     content: dict[str, Any] = {"estimate": row.estimate, "std": row.std, "unit": row.unit}
     for key, value in (
         ("true", row.true),

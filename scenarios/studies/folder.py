@@ -222,7 +222,6 @@ def study_figures(study: StudyResult) -> Iterator[Named]:
 
 
 def _error_figure(study: StudyResult) -> Iterator[Named]:
-    """Yield the figure of errors against the reference values, if there are any."""
     from scenarios.plots.residuals import ComparisonRow, figure_comparison
 
     scenario, main = study.scenario, study.main
@@ -263,7 +262,6 @@ def campaign_figures(campaign: CampaignRuns, statistics: CampaignStatistics) -> 
 
 
 def _coverage(spread: Spread, sigmas: np.ndarray) -> Coverage:
-    """Return a row of the figure of coverage; ``sigmas``: errors over reported sigmas, ``(M,)``."""
     from scenarios.plots.studies import Coverage
 
     low, high = spread.interval

@@ -148,7 +148,6 @@ def _scatter(
     estimation: Estimation,
     flown: list[tuple[Record, Truth]],
 ) -> Scatter:
-    """Return the results of an estimator on the records of a repeated flight."""
     model = declared_for(scenario, estimation, variation.flight)
     names = tuple(estimation.start)
     with_batch_engine = replace(estimation, engine="batched")
@@ -311,7 +310,6 @@ def flexibility_sentences(found: Flexibility, noise_std: Mapping[str, float]) ->
 
 
 def _level(name: str, std: float) -> str:
-    """Return a noise level with its name and unit."""
     factor, unit = shown_in(CHANNEL_UNITS.get(name, ""), name)
     return f"{name} {factor * std:.3g}{spaced(unit)}"
 

@@ -190,7 +190,6 @@ def _results(
     flights: Sequence[FlightPlan],
     records: Sequence[Record],
 ) -> list[SweptMethod]:
-    """Return the results of one method on all structures; filters run on all records at once."""
     all_condensed = [condensed_values(flight, estimation) for flight in flights]
     model = declared_for(scenario, estimation, flights[0])
     if estimation.method == "ekf" and not estimation.modes and math.isinf(estimation.spread):

@@ -452,7 +452,6 @@ def _method(study: StudyResult, method: MethodResult) -> Section:
 
 
 def _residual_blocks(study: StudyResult) -> list[Block]:
-    """Return tables of residual tests and noise levels by method."""
     blocks: list[Block] = []
     for method in study.methods:
         estimate, record = method.result.estimate, method.result.record

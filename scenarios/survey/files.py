@@ -240,7 +240,6 @@ def _sentences(phrases: Iterable[str]) -> tuple[str, ...]:
 
 
 def _tone(survey: SurveyResult) -> str:
-    """Return the colour word of the verdict."""
     if not survey.survey_files.diagnoses:
         return "open"
     unexplained = survey.verdicts.get(Verdict.UNEXPLAINED.value)

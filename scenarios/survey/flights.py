@@ -235,7 +235,6 @@ def _listed(entry: SurveyEntry, root: Path, where: str) -> list[FlightEntry]:
 
 
 def _name_of(entry: FlightEntry, where: str, number: int) -> str:
-    """Return the name of a flight: the given one, else that of its first record."""
     from scenarios.files.schemas import FOLDER_NAME
 
     if (entry.record is None) == (entry.records is None):

@@ -252,7 +252,6 @@ class _EffectSetFits:
 
 
 def _units(effect: Traceable) -> dict[str, str]:
-    """Return free parameter -> unit."""
     return {item.name: item.unit for item in effect.parameters if item.free}
 
 
@@ -386,7 +385,6 @@ def sent(work: Diagnoses | PooledFits) -> Sent:
 
 
 def _inputs(flight: SurveyFlight) -> list[Path]:
-    """Return the files that the work on a flight reads."""
     model = [Path(flight.model)] if is_model_file(flight.model) else []
     return [
         *flight.records,

@@ -333,7 +333,6 @@ def _steps(flight: JsbsimFlight, control: str, size: float, unit: float) -> Mane
 def _multisines(
     flight: JsbsimFlight, sizes: Mapping[str, float], units: Mapping[str, float]
 ) -> dict[str, Maneuver]:
-    """Return orthogonal multisines of the surfaces, up to somewhat above the fastest mode."""
     surfaces = [control for control in CONTROLS[flight.axis] if control != "throttle"]
     period = flight.duration - QUIET_START_TIME - 1.0
     # The unit is 1.6 over the frequency of the mode.

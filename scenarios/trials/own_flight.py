@@ -179,7 +179,6 @@ def _split(word: str) -> list[str]:
 
 
 def _value(text: str) -> Any:
-    """Return the value of a text: a number, a list, or a text with a unit."""
     try:
         return toml_value(f"value = {text}")["value"]
     except DocumentError:

@@ -239,7 +239,6 @@ def equivalent_of(scenario: TraceScenario) -> EquivalentSystem:
 def _closed_loop(
     scenario: TraceScenario, generators: Sequence[np.random.Generator]
 ) -> SimulatedTrace:
-    """Simulate the records of a closed loop."""
     from scenarios.x29.declaration import equivalent_values, loop_constants, telemetry_noise
 
     flight, loop = scenario.flight, loop_of(scenario)

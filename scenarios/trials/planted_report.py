@@ -214,7 +214,6 @@ def _comparable(row: Scored, factor: float) -> Cell:
 
 
 def _hidden(study: TraceStudy) -> str:
-    """Return the hidden terms with their values in words."""
     flight, terms = study.scenario.flight, []
     for name, values in study.simulated.hidden.items():
         units = hidden_units(name, flight.own if flight.own is not None else flight.vehicle, name)
@@ -316,7 +315,6 @@ def write_trial(
 
 
 def _write_records(study: TraceStudy, folder: Path) -> None:
-    """Write all three records, the vehicle file, and the prediction of the third record."""
     write_simulated(study.simulated, folder)
     write_record(folder, study.simulated.test, "test", simulated=True)
     write_prediction(folder / "test_prediction.csv", study.test.predictions[0])
@@ -404,7 +402,6 @@ def _derived(
 
 
 def _third(study: TraceStudy) -> dict[str, Any]:
-    """Return the prediction errors on the third record, in the units of the channels."""
     test, units = study.test, channel_units(study.tracing.model)
     channels = test.predictions[0].channels
     return {

@@ -564,7 +564,6 @@ def _derivatives(
 
 
 def _effects(tracing: Tracing, truth: DeclaredTruth, comparable: Comparable) -> tuple[Scored, ...]:
-    """Return the parameters of the found effects, with their reference values."""
     d = tracing.diagnosis
     return tuple(
         Scored(

@@ -61,7 +61,6 @@ def read_ardupilot(path: Path, raw: bytes) -> tuple[Topic, ...]:
 
 
 def _topics_of_bytes(path: Path, raw: bytes) -> list[Topic]:
-    """Return the topics of a binary log."""
     from pymavlink.DFReader import DFReader_binary
 
     with tempfile.TemporaryDirectory() as folder:

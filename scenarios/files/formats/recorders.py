@@ -49,7 +49,6 @@ def read_mdf(path: Path, raw: bytes) -> tuple[Topic, ...]:
 
 
 def _name(log: Any, number: int) -> str:
-    """Return the name of a channel group."""
     return getattr(log.groups[number].channel_group, "acq_name", None) or f"group {number + 1}"
 
 

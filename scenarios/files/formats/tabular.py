@@ -162,7 +162,6 @@ def _arrow_columns(raw: bytes, *, feather: bool) -> tuple[list[Any], list[np.nda
 
 
 def _batches(raw: bytes, *, feather: bool) -> tuple[Any, int, Iterator[Any]]:
-    """Return the schema, the number of rows and the batches of rows."""
     import pyarrow
     from pyarrow import feather as feather_format
     from pyarrow import ipc, parquet

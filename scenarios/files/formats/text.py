@@ -132,7 +132,6 @@ class Layout(NamedTuple):
 
 
 def _layout(path: Path, text: str) -> Layout:
-    """Return the layout of a text; raise RecordError if its separator cannot be decided."""
     first, above = _header_at(text)
     declared = _SEPARATOR_LINE.fullmatch(above[0]) if above else None
     if declared is not None:

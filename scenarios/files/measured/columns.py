@@ -257,7 +257,6 @@ def _same_unit(unit: str, other_unit: str, inside: str) -> bool:
 
 
 def _convertible(column: SourceColumn, file: str) -> SourceColumn:
-    """Return the column; raise RecordError if its unit cannot be converted."""
     fault = _unit_fault(column, file)
     if fault is not None:
         raise fault
@@ -380,7 +379,6 @@ def read_sidecar(record: Path) -> Sidecar:
 
 
 def _sidecar_of(content: Mapping[str, Any], path: Path) -> Sidecar:
-    """Return the sidecar of a JSON file's content, checked."""
     schema = content.get("schema")
     if not isinstance(schema, str) or not schema.startswith("flightid/"):
         ours = [key for key in ("hold", "units") if key in content]
