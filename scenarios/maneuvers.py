@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,6 +20,7 @@ from ident.maneuver_detection import (
     active_share,
     find_maneuvers,
 )
+from scenarios.files.aircraft_files import toml_string
 from scenarios.files.declarations import CHANNEL_UNITS, ColumnChoice
 from scenarios.files.measured.columns import RecordFile, opened, with_names
 from scenarios.files.records import read_record, refuse_rate
@@ -442,26 +442,21 @@ def maneuvers_toml(found: FoundManeuvers) -> str:
     """Return the content of ``maneuvers.toml``."""
     lines = [
         _HEAD,
-        f"record = {_text(found.identity.name)}",
-        f"sha256 = {_text(found.identity.sha256)}",
+        f"record = {toml_string(found.identity.name)}",
+        f"sha256 = {toml_string(found.identity.sha256)}",
     ]
     for each in found.maneuvers:
         lines += [
             "",
             "[[maneuvers]]",
             f"number = {each.number}",
-            f"name = {_text(each.name)}",
+            f"name = {toml_string(each.name)}",
             f"from = {each.start!r}",
             f"to = {each.stop!r}",
-            f"axis = {_text(each.found.axis)}",
-            f"kind = {_text(each.found.kind)}",
+            f"axis = {toml_string(each.found.axis)}",
+            f"kind = {toml_string(each.found.kind)}",
         ]
     return "\n".join(lines) + "\n"
-
-
-def _text(text: str) -> str:
-    """Return a text as a string of TOML: a string of JSON, with the delete character escaped."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def maneuvers_content(found: FoundManeuvers) -> dict[str, Any]:

@@ -6,7 +6,6 @@ vehicle file has the numbers that the record shows; other numbers are comments.
 
 from __future__ import annotations
 
-import json
 import textwrap
 import tomllib
 from importlib.resources import files
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from scenarios.files.aircraft_files import toml_string
 from scenarios.files.declarations import CHANNEL_UNITS
 from scenarios.files.formats.cells import numbers
 from scenarios.files.measured.columns import RecordFile, read_record_file, with_names
@@ -51,12 +51,12 @@ def map_text(draft: Draft) -> str:
     ]
     for guess in draft.guesses:
         choice = guess.choice
-        column = choice.column if isinstance(choice.column, int) else quoted(choice.column)
+        column = choice.column if isinstance(choice.column, int) else toml_string(choice.column)
         entry = str(column)
         if guess.command and not guess.fault:
-            entry = f'{{column = {quoted(f"THROW * {choice.column}")}, unit = "deg"}}'
+            entry = f'{{column = {toml_string(f"THROW * {choice.column}")}, unit = "deg"}}'
         elif choice.unit is not None:
-            entry = f"{{column = {column}, unit = {quoted(choice.unit)}}}"
+            entry = f"{{column = {column}, unit = {toml_string(choice.unit)}}}"
         reason = f"left out: {guess.fault}" if guess.fault else guess.reason
         comment_mark = "# " if guess.fault or guess.command else ""
         lines.append(f"{comment_mark}{guess.channel} = {entry}  # {reason}")
@@ -141,11 +141,6 @@ def _sweep_comments(file: RecordFile) -> list[str]:
     return []
 
 
-def quoted(text: str) -> str:
-    """Return a text as a TOML string."""
-    return json.dumps(text, ensure_ascii=False)
-
-
 # ---- Drafts of vehicle files
 
 ORIGIN_OF_INERTIA = ": swing test, CAD, or mass * (share of the length)^2 (docs, your recorder)"
@@ -161,7 +156,7 @@ def vehicle_text(draft: Draft) -> str:
         found = {guess.channel for guess in draft.guesses if not guess.fault}
         surfaces = [name for name in ("elevator", "aileron", "rudder") if name in found]
         return str(templates[model]).format(
-            name=quoted(draft.file.path.stem),
+            name=toml_string(draft.file.path.stem),
             surfaces="\n".join(f'{name} = "rad"' for name in surfaces),
             thrust="thrust" if "thrust" in found else "none",
             aileron='# "aileron" = ...\n' if "aileron" in found else "",
@@ -191,7 +186,7 @@ def vehicle_text(draft: Draft) -> str:
     lines = [
         f"# Draft of a vehicle file for --model {model}. Take the # from each line and give its "
         "number.",
-        f"name = {quoted(draft.file.path.stem)}",
+        f"name = {toml_string(draft.file.path.stem)}",
         '# aircraft_class = ...  # "I" light, "II" medium, "III" large, "IV" fighter (MIL-F-8785C)',
         '# flight_phase = ...  # "A" rapid maneuvers, "B" gradual ones, "C" approach and landing',
         '# mass = ...  # kg, or a text with a unit: mass = "24200 lb"',
