@@ -12,7 +12,7 @@ import difflib
 import importlib.util
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType, ModuleType
@@ -127,6 +127,18 @@ def closest(word: str, allowed: Iterable[str]) -> str:
     if near:
         return f"did you mean {by_lower_case[near[0]]!r}?"
     return f"use one of {', '.join(choices)}"
+
+
+def refuse_unknown(
+    kind: str,
+    name: str,
+    known: Collection[str],
+    where: str,
+    error: type[FlightidError] = DeclarationError,
+) -> None:
+    """Raise an ``error`` for a name that is not one of the ``known`` names of a ``kind``."""
+    if name not in known:
+        raise error(f"there is no {kind} {name!r}", where=where, remedy=closest(str(name), known))
 
 
 def shortened_list(words: Sequence[str], most: int) -> str:

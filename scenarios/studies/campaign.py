@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ident.statistics.intervals import clopper_pearson, clustered_share
-from scenarios.files.declarations import closest
+from scenarios.files.declarations import refuse_unknown
 from scenarios.studies.declaration import Estimation, Scenario, seen_by
 from scenarios.studies.estimating import (
     Estimates,
@@ -405,10 +405,7 @@ def fly_campaign(
         folder holds another campaign.
     """
     known = {estimation.name: estimation for estimation in scenario.estimations}
-    if method not in known:
-        raise DeclarationError(
-            f"there is no method {method!r}", where="--method", remedy=closest(method, known)
-        )
+    refuse_unknown("method", method, known, "--method")
     root = scenario.seed if seed is None else seed
     work = EstimatorRuns(scenario, known[method], rebuilt_scenario)
     table = run_study(work, execution.request(runs, root, work.block, "runs"), progress)

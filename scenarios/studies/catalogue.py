@@ -8,7 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scenarios.files.declarations import closest, read_toml
+from scenarios.files.declarations import read_toml, refuse_unknown
 from scenarios.files.sources import DocumentError, toml_value
 from sim.errors import DeclarationError
 
@@ -44,10 +44,7 @@ def scenario_kind(name: str) -> str:
     kind = str(document.get("kind", IDENTIFICATION))
     if kind == SURROGATE:
         raise moved(f"a scenario of kind {kind!r}", "surrogate", where)
-    if kind not in KINDS:
-        raise DeclarationError(
-            f"there is no kind {kind!r}", where=f"{where}, key kind", remedy=closest(kind, KINDS)
-        )
+    refuse_unknown("kind", kind, KINDS, f"{where}, key kind")
     return kind
 
 
@@ -62,11 +59,7 @@ def scenario_text(name: str) -> str:
         raise moved(name, EXAMINATIONS[name])
     if name.startswith(f"{SURROGATE}-"):
         raise moved(name, f"surrogate {name.replace(SURROGATE, 'surrogate', 1)}")
-    names = scenario_names()
-    if name not in names:
-        raise DeclarationError(
-            f"there is no scenario {name!r}", where="flightid", remedy=closest(name, names)
-        )
+    refuse_unknown("scenario", name, scenario_names(), "flightid")
     return _catalogue_text(name)
 
 

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, Field
 
-from scenarios.files.declarations import checked, closest
+from scenarios.files.declarations import checked, closest, refuse_unknown
 from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
 from scenarios.files.sources import versions
 from scenarios.files.writing import write_json, write_record, write_text
@@ -357,8 +357,8 @@ def jsbsim_of(document: Mapping[str, Any], name: str, where: str) -> JsbsimFligh
     content = checked(_Jsbsim, document, where)
     aircraft = str(content.aircraft)
     refuse_unknown_aircraft(aircraft, f"{where}, key aircraft")
-    _one_of(content.axis, tuple(CONTROLS), "axis", where)
-    _one_of(content.maneuver, MANEUVERS, "maneuver", where)
+    refuse_unknown("axis", content.axis, CONTROLS, f"{where}, key axis")
+    refuse_unknown("maneuver", content.maneuver, MANEUVERS, f"{where}, key maneuver")
     duration = (
         DURATIONS[content.axis]
         if content.duration is None
@@ -419,15 +419,6 @@ def _condition(content: _Jsbsim, where: str) -> tuple[float, float]:
     altitude = given("altitude", "m", content.altitude, usual[0])
     airspeed = given("airspeed", "m/s", content.airspeed, usual[1])
     return altitude, positive(airspeed, f"{where}, key airspeed")
-
-
-def _one_of(name: str, allowed: tuple[str, ...], what: str, where: str) -> None:
-    if name not in allowed:
-        raise DeclarationError(
-            f"there is no {what} {name!r}",
-            where=f"{where}, key {what}",
-            remedy=closest(name, allowed),
-        )
 
 
 def _by_channel(

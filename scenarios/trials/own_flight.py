@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from scenarios.files.aircraft_files import read_model_file
-from scenarios.files.declarations import closest, read_toml_source
+from scenarios.files.declarations import closest, read_toml_source, refuse_unknown
 from scenarios.files.sources import DocumentError, toml_value
 from scenarios.files.user_models import inputs_at_rest, own_numbers, unit_in
 from scenarios.files.vehicles import MODELS, refuse_unknown_model, with_priors
@@ -64,10 +64,7 @@ def maneuver_words(
             raise DeclarationError(
                 f"there is no input {name!r}", where=where, remedy=f"its inputs are {available}"
             )
-        if kind not in KINDS:
-            raise DeclarationError(
-                f"there is no maneuver {kind!r}", where=where, remedy=closest(kind, KINDS)
-            )
+        refuse_unknown("maneuver", kind, KINDS, where)
         needed = KINDS[kind][0]
         numbers = {
             **_default_numbers(needed, motion.amplitudes[name], pulse, place, len(words)),
@@ -100,10 +97,7 @@ def noise_of(words: Sequence[str], model: Model) -> dict[str, float]:
                 where=where,
                 remedy=f"write for example --noise {outputs[0]}=0.1",
             )
-        if name not in outputs:
-            raise DeclarationError(
-                f"there is no output {name!r}", where=where, remedy=closest(name, outputs)
-            )
+        refuse_unknown("output", name, outputs, where)
         std[name] = positive_si(_value(text), unit_in(model, name), where)
     return std
 

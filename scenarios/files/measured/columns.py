@@ -16,6 +16,7 @@ from scenarios.files.declarations import (
     STICK,
     ColumnChoice,
     closest,
+    refuse_unknown,
     shortened_list,
     split_header,
 )
@@ -114,10 +115,7 @@ def find_column(
         unit is unknown or has the wrong dimension, or if the units in the header and under it
         differ.
     """
-    if channel not in channel_units:
-        raise RecordError(
-            f"there is no channel {channel!r}", where=file, remedy=closest(channel, channel_units)
-        )
+    refuse_unknown("channel", channel, channel_units, file, RecordError)
     default = (units or {}).get(channel, channel_units[channel])
     inside = program_unit(channel, channel_units)
     if choices is not None and channel in choices:
