@@ -15,7 +15,7 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scenarios.api.tables import TITLES
+from scenarios.api.tables import TITLES, model_family
 from scenarios.report.summary import (
     TableColumn,
     columns_of,
@@ -276,21 +276,12 @@ def show_example(name: str | None) -> None:
 
 def _built_in_model(name: str) -> tuple[Equations, Mapping[str, str], Mapping[str, str]]:
     """Return the equations of a built-in model, and the units of its constants and parameters."""
-    from scenarios.files.aircraft_files import example
-    from scenarios.files.vehicles import AIRCRAFT
-    from sim.vehicles.factory import FAMILIES, MODE_CONSTANTS, mode_units
+    from sim.vehicles.factory import MODE_CONSTANTS, mode_units
 
-    if name == AIRCRAFT:
-        model = example()
-        constants, parameters = (
-            {item.name: item.unit for item in model.parameters if item.free is free}
-            for free in (False, True)
-        )
-        return model.equations, constants, parameters
     if name != "flexible":
-        return FAMILIES[name]
+        return model_family(name)
     # The flexible model is the rigid one with elastic modes; mode 1 stands for all.
-    equations, rigid_constants, derivatives = FAMILIES["rigid"]
+    equations, rigid_constants, derivatives = model_family("rigid")
     modal = {parameter: unit for parameter, unit, _ in mode_units(1)}
     mode_constants = {
         parameter: unit

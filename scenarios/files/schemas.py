@@ -251,10 +251,6 @@ _LOES_STARTS = table_of(
             "L_delta": number_of("1/s"),
             "M_delta": number_of("1/s2"),
             "L_q": _PURE_NUMBER,
-        }
-    ),
-    **_required_fields(
-        {
             "M_q": number_of("1/s"),
             "inv_tau": number_of("1/s", gt=0.0),
             "delay": number_of("s", ge=0.0),
@@ -302,22 +298,15 @@ def _whole_axes(model: str) -> type[BaseModel]:
     )
 
 
+_RIGID: dict[str, Any] = {
+    "name": _NAME,
+    **_AIRFRAME,
+    **_FLYING_QUALITIES,
+    "derivatives": (_RIGID_STARTS, ...),
+}
 SCHEMAS: Mapping[str, type[BaseModel]] = {
-    "rigid": table_of(
-        "RigidVehicle",
-        name=_NAME,
-        **_AIRFRAME,
-        **_FLYING_QUALITIES,
-        derivatives=(_RIGID_STARTS, ...),
-    ),
-    "flexible": table_of(
-        "FlexibleVehicle",
-        name=_NAME,
-        **_AIRFRAME,
-        **_FLYING_QUALITIES,
-        derivatives=(_RIGID_STARTS, ...),
-        modes=(list[dict[str, Any]], ...),
-    ),
+    "rigid": table_of("RigidVehicle", **_RIGID),
+    "flexible": table_of("FlexibleVehicle", **_RIGID, modes=(list[dict[str, Any]], ...)),
     "loes": table_of(
         "LoesVehicle",
         name=_NAME,
