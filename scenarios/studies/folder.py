@@ -22,7 +22,7 @@ from scenarios.files.writing import (
 )
 from scenarios.plots import draw_into
 from scenarios.plots.display import SIMULATED_DATA
-from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.report.folder import write_page
 from scenarios.report.quantities import as_text
 from scenarios.report.summary import HERE
@@ -461,13 +461,7 @@ def write_campaign(
         rows = ([seed, *map(repr, row)] for seed, row in zip(seeds, cells.tolist(), strict=True))
         write_text(scratch / "statistics.csv", statistics_csv(judgement.statistics))
         write_text(scratch / "estimates.csv", csv_text(header, rows))
-        drawn: tuple[Drawn, ...] = ()
-        if figures:
-            from scenarios.plots.drawing import draw_for_page
-
-            drawn = draw_for_page(
-                campaign_figures(campaign, judgement.statistics), scratch, figures
-            )
+        drawn = draw_into(scratch, campaign_figures(campaign, judgement.statistics), figures)
         write_page(scratch, campaign_page(campaign, judgement, drawn))
         content = {
             "schema": "flightid/campaign/1",
