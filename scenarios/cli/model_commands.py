@@ -185,7 +185,7 @@ def diagnose(
     """Trace what the model lacks: fit, find the residual's cause, add it, refit, compare before and
     after.
     """
-    from scenarios.report.summary import details_in, terminal_width, written_to
+    from scenarios.report.summary import details_in, terminal_width
     from scenarios.report.terminal import progress_bar
 
     plan = preparation.plan(records, trusted=trust)
@@ -214,8 +214,7 @@ def diagnose(
         from scenarios.diagnosis.report.text import diagnosis_text
 
         print(diagnosis_text(tracing, terminal_width(), details_in(target.out)))
-        if target.out is not None:
-            print(written_to(target.out))
+        target.print_place()
 
 
 # ---- flightid predict
@@ -378,7 +377,7 @@ def survey(
             where="FLIGHTS.toml",
             remedy="flightid survey --example prints one to edit",
         )
-    from scenarios.report.summary import details_in, terminal_width, written_to
+    from scenarios.report.summary import details_in, terminal_width
     from scenarios.report.terminal import progress_bar
     from scenarios.survey.report import survey_text
     from scenarios.survey.survey import survey_flights
@@ -409,8 +408,7 @@ def survey(
                 show_progress("writing the survey", WRITING_SURVEY_SHARE)
                 write_survey(found, target.out, figures=target.figures)
         print(survey_text(found, terminal_width(), details_in(target.out)), end="")
-        if target.out is not None:
-            print(written_to(target.out))
+        target.print_place()
 
 
 # ---- flightid watch

@@ -319,9 +319,7 @@ class OutputOptions:
     figures: Formats
     progress: bool
 
-    def finish(
-        self, result: Any, write: Callable[..., Any], show: Callable[..., None] | None = None
-    ) -> None:
+    def finish(self, result: Any, write: Callable[..., Any], show: Callable[..., None]) -> None:
         """Write a result into the folder, print it, and print where it was written.
 
         Parameters
@@ -331,12 +329,17 @@ class OutputOptions:
             without a folder.
         show : function of ``details``, the place of further results, that prints the result.
         """
-        from scenarios.report.summary import details_in, written_to
+        from scenarios.report.summary import details_in
 
         if self.out is not None:
             write(result, self.out, figures=self.figures)
-        if show is not None:
-            show(details=details_in(self.out))
+        show(details=details_in(self.out))
+        self.print_place()
+
+    def print_place(self) -> None:
+        """Print where the study was written; nothing without a folder."""
+        from scenarios.report.summary import written_to
+
         if self.out is not None:
             print(written_to(self.out))
 

@@ -324,7 +324,7 @@ def design(
     from scenarios.maneuver_design.design import design as design_maneuver
     from scenarios.maneuver_design.report import design_text, write_design
     from scenarios.maneuver_design.setting import DesignRequest
-    from scenarios.report.summary import details_in, terminal_width, written_to
+    from scenarios.report.summary import details_in, terminal_width
     from scenarios.report.terminal import progress_bar
 
     names = tuple(name.strip() for name in tell.split(",") if name.strip())
@@ -348,8 +348,7 @@ def design(
             if target.out is not None:
                 write_design(result, target.out, figures=target.figures)
         print(design_text(result, terminal_width(), details_in(target.out)), end="")
-        if target.out is not None:
-            print(written_to(target.out))
+        target.print_place()
 
 
 # ---- flightid report
