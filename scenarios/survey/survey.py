@@ -23,7 +23,7 @@ from ident.pooling import (
 from scenarios.files.vehicles import ALSO_READ
 from scenarios.report.figure_formats import Formats
 from scenarios.survey.flights import Flights, read_flights
-from scenarios.survey.growing import PooledFits, SurveyFiles, Tell, run_flights, survey_files
+from scenarios.survey.growing import PooledFits, SurveyFiles, run_flights, survey_files
 from scenarios.survey.recurring import (
     Recurring,
     candidates,
@@ -32,6 +32,7 @@ from scenarios.survey.recurring import (
     recurring_with_other_effects,
     starts_of,
 )
+from scenarios.tasks.study import ShowProgress
 
 # ---- Derivatives and values of effects over the flights, and their trends
 
@@ -226,6 +227,8 @@ def _with_outliers(
     return replace(derivative, off=off, out=out)
 
 
+# ---- A survey of all flights
+
 DIAGNOSIS_SHARE = 0.75  # share of the work that is the diagnoses
 
 
@@ -301,7 +304,7 @@ def survey_flights(
     folder: Path,
     jobs: int = 1,
     figures: Formats = (),
-    tell: Tell = lambda stage, share: None,
+    show_progress: ShowProgress = lambda stage, share: None,
     cluster: str | None = None,
 ) -> SurveyResult:
     """Survey the flights of a file into a folder, in which the result of each flight is kept.
@@ -312,7 +315,7 @@ def survey_flights(
     folder : folder of the survey.
     jobs : processes of this machine.
     figures : formats of the figures of each flight.
-    tell : called with the stage and the share of the work that is done.
+    show_progress : called with the stage and the share of the work that is done.
     cluster : address of a Dask scheduler, whose workers are used in place of processes.
 
     Raises
@@ -321,13 +324,13 @@ def survey_flights(
     KeyboardInterrupt : Ctrl-C, with what is kept.
     """
     survey = read_flights(path)
-    tell("reading", 0.0)
+    show_progress("reading", 0.0)
     files = survey_files(
         survey,
         folder,
         jobs,
         figures,
-        lambda stage, share: tell(stage, DIAGNOSIS_SHARE * share),
+        lambda stage, share: show_progress(stage, DIAGNOSIS_SHARE * share),
         cluster,
     )
     names = candidates(files.diagnoses)
@@ -338,7 +341,7 @@ def survey_flights(
         names,
         folder,
         jobs,
-        lambda stage, share: tell(stage, share_done + (0.95 - share_done) * share),
+        lambda stage, share: show_progress(stage, share_done + (0.95 - share_done) * share),
         cluster,
     )
     flights = tuple(fits)
@@ -364,7 +367,7 @@ def survey_flights(
             if effect["claimed"] and name not in explained:
                 dropped = flight in without_single_effects and name in fits[flight]["own"]
                 (needless if dropped else alone).setdefault(name, []).append(flight)
-    tell("pooled", 0.96)
+    show_progress("pooled", 0.96)
     return SurveyResult(
         survey,
         files,
@@ -386,7 +389,7 @@ def _fits(
     names: tuple[str, ...],
     folder: Path,
     jobs: int,
-    tell: Tell,
+    show_progress: ShowProgress,
     cluster: str | None,
 ) -> tuple[dict[str, Mapping[str, Any]], int, dict[str, str]]:
     """Return the fits of each flight with every set of the effects ``names``; the number of flights
@@ -409,7 +412,7 @@ def _fits(
             own=tuple(fits.own[n] for n in missing),
         )
         try:
-            table = run_flights(work, len(missing), jobs, folder, tell, cluster)
+            table = run_flights(work, len(missing), jobs, folder, show_progress, cluster)
         except KeyboardInterrupt:
             table = None
         if table is None or not table.whole:
