@@ -36,7 +36,7 @@ from ident.banks.online import (
     begin,
     online_bank,
 )
-from scenarios.commands.watch import _watch_of, _write_steps
+from scenarios.cli.watch import _watch_of, _write_steps
 from scenarios.files.writing import write_record
 from scenarios.identification.low_order import PAPER_START, loes_filter_system
 from scenarios.preparation.plan import plan_of

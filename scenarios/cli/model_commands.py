@@ -522,7 +522,7 @@ def watch(
     as_json: AsJson = False,
 ) -> None:
     """Identification of a stream: rows as they arrive, estimates against a reference."""
-    from scenarios.commands.watch import watch_loop, watch_stream
+    from scenarios.cli.watch import watch_loop, watch_stream
     from scenarios.watching.loop_margins import MAIN, loop_names
 
     plan = plan_of(rate=rate, columns=columns, hold=hold)

@@ -64,7 +64,7 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Simulate, identify and compare: true, estimated, published."""
-    from scenarios.commands.studies import documents_of, run_and_compare, run_scenarios
+    from scenarios.cli.studies import documents_of, run_and_compare, run_scenarios
 
     command = run_and_compare if compare else run_scenarios
     output = Output(out, figures, no_figures, quiet, as_json)
@@ -153,8 +153,8 @@ def simulate(
     ] = False,
 ) -> None:
     """The record of a scenario alone, or of a flight of a model of your own."""
-    from scenarios.commands.studies import files_text
-    from scenarios.commands.studies import simulate as write_records
+    from scenarios.cli.studies import files_text
+    from scenarios.cli.studies import simulate as write_records
 
     flight = scenario_or_own(name, model, vehicle, inputs, noise, hidden, duration, rate)
     with Output(no_figures=True, quiet=quiet or as_json).writing():
@@ -197,7 +197,7 @@ def campaign(
     as_json: AsJson = False,
 ) -> None:
     """Monte Carlo: bias, scatter against reported sigma, coverage."""
-    from scenarios.commands.studies import run_campaign
+    from scenarios.cli.studies import run_campaign
     from scenarios.tasks.study import Execution
 
     flight = scenario_or_own(name, model, vehicle, inputs, noise, None, duration, rate)
@@ -244,7 +244,7 @@ def compare(
     """Studies side by side: estimates, errors, published values and responses, from their folders
     alone.
     """
-    from scenarios.commands.studies import compare_studies
+    from scenarios.cli.studies import compare_studies
 
     output = Output(out, figures, no_figures, quiet, as_json)
     with output.writing("compared.json") as target:
@@ -410,7 +410,7 @@ def effects(
     ] = None,
 ) -> None:
     """The library of effects."""
-    from scenarios.commands.libraries import show_effects
+    from scenarios.cli.libraries import show_effects
 
     show_effects(name)
 
@@ -429,7 +429,7 @@ def models(
     ] = False,
 ) -> None:
     """The models: states, inputs, outputs, parameters, and the effects that may act on them."""
-    from scenarios.commands.libraries import show_example, show_models
+    from scenarios.cli.libraries import show_example, show_models
 
     if example:
         show_example(name)
@@ -450,7 +450,7 @@ def vehicles(
     ] = None,
 ) -> None:
     """The library of vehicles, every number with unit and origin."""
-    from scenarios.commands.libraries import show_vehicles
+    from scenarios.cli.libraries import show_vehicles
 
     show_vehicles(name, other)
 
@@ -477,7 +477,7 @@ def lab(
     browser: Annotated[bool, flag("--browser/--no-browser", "Open it in a browser.")] = True,
 ) -> None:
     """A teaching notebook, opened in a browser."""
-    from scenarios.commands.libraries import copy_lab, list_labs, open_lab, show_key
+    from scenarios.cli.libraries import copy_lab, list_labs, open_lab, show_key
 
     if number is None:
         list_labs()

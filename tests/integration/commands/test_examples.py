@@ -19,7 +19,7 @@ from ident.tracing.loop import diagnose
 from scenarios.cli import app, main
 from scenarios.cli.application import COMMANDS, EXAMPLES
 from scenarios.cli.options import METHOD_NAMES, OutputOptions, output_options
-from scenarios.commands.studies import documents_of
+from scenarios.cli.studies import documents_of
 from scenarios.diagnosis import diagnose as on_files
 from scenarios.identification.methods import METHODS
 from tests.integration.command_line import CommandLine

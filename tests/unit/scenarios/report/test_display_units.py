@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from scenarios.commands.libraries import show_effects
+from scenarios.cli.libraries import show_effects
 from scenarios.files.declarations import CHANNEL_UNITS
 from scenarios.plots.display import display_unit
 from scenarios.report.quantities import (

@@ -1,4 +1,4 @@
-"""Commands on simulated studies: run, simulate, campaign, compare, design, report."""
+"""Work of the commands on simulated studies: run, simulate, campaign, compare."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands on libraries: list and show effects, vehicles, models and labs."""
+"""Work of the commands on libraries: list and show effects, vehicles, models and labs."""
 
 from __future__ import annotations
 
