@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from scenarios.files.declarations import closest
+from scenarios.files.declarations import CHANNEL_UNITS, closest
 from sim.errors import DeclarationError
 from sim.maneuvers import Maneuver, Sum, doublet, orthogonal_multisines, three_two_one_one
 
@@ -45,19 +45,11 @@ DURATIONS: Mapping[str, float] = {
 MANEUVERS = ("3-2-1-1", "doublet", "multisine")
 INPUTS: Mapping[str, str] = {"elevator": "rad", "aileron": "rad", "rudder": "rad", "thrust": "N"}
 OUTPUTS: Mapping[str, str] = {
-    "airspeed": "m/s",
-    "alpha": "rad",
-    "beta": "rad",
-    "p": "rad/s",
-    "q": "rad/s",
-    "r": "rad/s",
-    "phi": "rad",
-    "theta": "rad",
-    "psi": "rad",
-    "ax": "m/s2",
-    "ay": "m/s2",
-    "az": "m/s2",
-    "height": "m",
+    name: CHANNEL_UNITS[name]
+    for name in (
+        *("airspeed", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi"),
+        *("ax", "ay", "az", "height"),
+    )
 }
 SURFACES = ("elevator", "aileron", "rudder")
 
