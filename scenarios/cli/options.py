@@ -19,7 +19,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any, TextIO, get_type_hints
+from typing import Annotated, Any, TextIO, cast, get_type_hints
 
 import typer
 
@@ -347,8 +347,8 @@ class OutputOptions:
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # escape sequences of a terminal
 
 
-class _CopyingStream(io.TextIOBase):
-    """A stream that passes text on and stores a copy."""
+class _CopyingStream:
+    """A stream that passes text on to another stream and stores a copy."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream, self.copy = stream, io.StringIO()
@@ -357,25 +357,8 @@ class _CopyingStream(io.TextIOBase):
         self.copy.write(text)
         return self._stream.write(text)
 
-    def flush(self) -> None:
-        self._stream.flush()
-
-    def isatty(self) -> bool:
-        return self._stream.isatty()
-
-    def fileno(self) -> int:
-        return self._stream.fileno()
-
-    def writable(self) -> bool:
-        return True
-
-    @property
-    def encoding(self) -> str:  # type: ignore[override]
-        return self._stream.encoding
-
-    @property
-    def errors(self) -> str | None:  # type: ignore[override]
-        return self._stream.errors
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
 
 
 @contextlib.contextmanager
@@ -393,7 +376,7 @@ def keeping_text(out: Path | None) -> Iterator[None]:
     path = out / TEXT
     before = _written_file(path)
     stream = _CopyingStream(sys.stdout)
-    with contextlib.redirect_stdout(stream):
+    with contextlib.redirect_stdout(cast(TextIO, stream)):
         yield
     if out.is_dir() and _written_file(path) == before:
         with contextlib.suppress(OSError):  # the study is complete without this file
