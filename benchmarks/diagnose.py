@@ -37,7 +37,7 @@ def fly(name: str, folder: Path, changes: tuple[str, ...] = ()) -> tuple[list[Pa
     of --set.
     """
     from scenarios.studies.catalogue import load_document
-    from scenarios.trials.planted.flights import fly_trace, trace_scenario_of, write_simulated
+    from scenarios.trials.planted_flights import fly_trace, trace_scenario_of, write_simulated
 
     folder.mkdir()
     scenario = trace_scenario_of(*load_document(name, changes))

@@ -31,7 +31,7 @@ RESULTS = {"identify": "comparison.json", "diagnose": "diagnosis.json"}
 def files(folder: Path) -> None:
     """Records, vehicle file and model file."""
     from scenarios.studies.catalogue import load_document
-    from scenarios.trials.planted.flights import fly_trace, trace_scenario_of, write_simulated
+    from scenarios.trials.planted_flights import fly_trace, trace_scenario_of, write_simulated
     from tests.own_models import SHORT_PERIOD
 
     scenario = trace_scenario_of(*load_document("trace-delay"))

@@ -36,9 +36,10 @@ from ident.banks.online import (
     begin,
     online_bank,
 )
-from scenarios.commands.watch import _watch_of, _write_steps
+from scenarios.cli.watch import _watch_of, _write_steps
 from scenarios.files.writing import write_record
 from scenarios.identification.low_order import PAPER_START, loes_filter_system
+from scenarios.preparation.plan import plan_of
 from scenarios.watching.rows import growing_file, lines_of
 from scenarios.watching.session import ROWS_PER_BATCH, pieces, rows_in, session_of, take
 from scenarios.watching.show import Show
@@ -101,7 +102,7 @@ def follow(record: Record) -> float:
         contextlib.redirect_stdout(nowhere),
     ):
         path, _ = write_record(folder, record)
-        watch, begun = _watch_of(str(path), None, None, None, False, None, ()), 0.0
+        watch, begun = _watch_of(str(path), None, None, None, False, plan_of(), ()), 0.0
         show = Show(watch)
         with growing_file(path, until_end=True) as read, History(Path(folder)) as history:
             for came in lines_of(read, None, "stream"):

@@ -21,8 +21,8 @@ from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.preparation.plan import Request
 from scenarios.report.document import Cell, Number, counted, formatted
 from scenarios.studies.campaign_statistics import cramer_rao
-from scenarios.trials.planted.declaration import TraceFlight, true_vehicle
-from scenarios.trials.planted.flights import (
+from scenarios.trials.planted_declaration import TraceFlight, true_vehicle
+from scenarios.trials.planted_flights import (
     fly_trace,
     simulated_record,
     trace_scenario_of,

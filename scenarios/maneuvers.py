@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
@@ -21,11 +20,13 @@ from ident.maneuver_detection import (
     active_share,
     find_maneuvers,
 )
+from scenarios.files.aircraft_files import toml_string
 from scenarios.files.declarations import CHANNEL_UNITS, ColumnChoice
 from scenarios.files.measured.columns import RecordFile, opened, with_names
 from scenarios.files.records import read_record, refuse_rate
 from scenarios.files.sources import InputFile, versions
 from scenarios.files.writing import study_folder, write_json, write_text
+from scenarios.plots import draw_into
 from scenarios.preparation.measured_inputs import with_load_factors
 from scenarios.preparation.plan import FILE, DeclaredParts, Part, Plan
 from scenarios.report.document import (
@@ -51,6 +52,9 @@ from scenarios.report.quantities import console, shown_in, spaced
 from scenarios.report.summary import BELOW, Summary, print_paragraph, print_summary
 from scenarios.report.terminal import show_table
 from sim.record import Record
+
+if TYPE_CHECKING:
+    from scenarios.plots.drawing import Named
 
 # ---- A record file searched for maneuvers
 
@@ -399,10 +403,7 @@ def maneuvers_page(found: FoundManeuvers, drawn: Sequence[Drawn] = ()) -> Page:
             *section(
                 "Maneuvers",
                 maneuvers_table(found),
-                Prose(
-                    f"Start and end are the times of the input. {as_sentence(PART)}",
-                    "note",
-                ),
+                Prose(f"Start and end are the times of the input. {as_sentence(PART)}", "note"),
             ),
             *section("How they are used", Bullets(used)),
         ),
@@ -424,17 +425,17 @@ _HEAD = """\
 """
 
 
+def maneuver_figures(found: FoundManeuvers) -> Iterator[Named]:
+    """Yield the figure of the flight: file stem and drawing function."""
+    from scenarios.plots.maneuvers import figure_flight
+
+    yield "flight", partial(figure_flight, found, found.identity.name)
+
+
 def write_maneuvers(found: FoundManeuvers, folder: str | Path, *, figures: Formats = USUAL) -> Path:
     """Write all files of a search into ``folder``, or none if one fails; return the folder."""
     with study_folder(folder, MAIN) as scratch:
-        drawn: tuple[Drawn, ...] = ()
-        if figures:
-            from scenarios.plots.drawing import draw_for_page
-            from scenarios.plots.maneuvers import figure_flight
-
-            drawn = draw_for_page(
-                [("flight", partial(figure_flight, found, found.identity.name))], scratch, figures
-            )
+        drawn = draw_into(scratch, maneuver_figures(found), figures)
         write_text(scratch / FILE, maneuvers_toml(found))
         write_page(scratch, maneuvers_page(found, drawn))
         write_json(scratch / MAIN, maneuvers_content(found))
@@ -445,26 +446,21 @@ def maneuvers_toml(found: FoundManeuvers) -> str:
     """Return the content of ``maneuvers.toml``."""
     lines = [
         _HEAD,
-        f"record = {_text(found.identity.name)}",
-        f"sha256 = {_text(found.identity.sha256)}",
+        f"record = {toml_string(found.identity.name)}",
+        f"sha256 = {toml_string(found.identity.sha256)}",
     ]
     for each in found.maneuvers:
         lines += [
             "",
             "[[maneuvers]]",
             f"number = {each.number}",
-            f"name = {_text(each.name)}",
+            f"name = {toml_string(each.name)}",
             f"from = {each.start!r}",
             f"to = {each.stop!r}",
-            f"axis = {_text(each.found.axis)}",
-            f"kind = {_text(each.found.kind)}",
+            f"axis = {toml_string(each.found.axis)}",
+            f"kind = {toml_string(each.found.kind)}",
         ]
     return "\n".join(lines) + "\n"
-
-
-def _text(text: str) -> str:
-    """Return a text as a string of TOML: a string of JSON, with the delete character escaped."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def maneuvers_content(found: FoundManeuvers) -> dict[str, Any]:

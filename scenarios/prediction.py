@@ -15,10 +15,7 @@ from scenarios.files.declarations import CHANNEL_UNITS, read_channel_map
 from scenarios.files.measured.columns import RecordFile, all_simulated, opened
 from scenarios.files.sources import InputFile, versions
 from scenarios.files.user_models import OwnModel, channel_units
-from scenarios.files.vehicles import (
-    files_read_unnamed,
-    vehicle_with_file,
-)
+from scenarios.files.vehicles import files_read_unnamed, vehicle_with_file
 from scenarios.files.writing import PREDICTED, csv_text, study_folder, write_json, write_text
 from scenarios.identification.assessment import pooled_fits, record_fits
 from scenarios.identification.conditions import PATH, with_weight
@@ -196,7 +193,7 @@ def predict_record(request: PredictionRequest) -> PredictionResult:
         after,
         before,
         (*files_read_unnamed([source], None), *notes),
-        _warnings(ready),
+        (*ready.doubts, *ready.look.set_aside),
         all_simulated([source]),
         verdicts_of(tests, record, channels, after.rows) if after.figures is not None else (),
         residuals_of(request.study),
@@ -256,11 +253,13 @@ def _predict_like_diagnosis(
     rows = [[each.before for each in found.predictions], [each.after for each in found.predictions]]
     record, (before, after) = put_together(whole, ready.validation, rows)
     channels = found.predictions[0].channels
-    wild = [
+    wrong_samples = [
         {name: ~mask[row] & part[name].valid for row, name in enumerate(channels)}
         for part, mask in zip(ready.validation, found.counted, strict=True)
     ]
-    parts = [without(part, masks) for part, masks in zip(ready.validation, wild, strict=True)]
+    parts = [
+        without(part, masks) for part, masks in zip(ready.validation, wrong_samples, strict=True)
+    ]
     return (
         record,
         Simulation(before, found.before),
@@ -285,9 +284,7 @@ def _user_effects(
         return checked_effects(effects, model, "effects")
     if known is None:
         raise DeclarationError(
-            "the study used no user effects",
-            where="--effects",
-            remedy="leave it out",
+            "the study used no user effects", where="--effects", remedy="leave it out"
         )
     return read_effects(unchanged_file(effects, known, "--effects"), model)
 
@@ -319,10 +316,6 @@ def _refuse_without_attitude(stored: StoredModel, declared: Model, record: Recor
         raise RecordError(
             what, where=record.name, remedy="give a record with theta, or make the study without it"
         )
-
-
-def _warnings(ready: PreparedData) -> tuple[str, ...]:
-    return (*ready.doubts, *ready.look.set_aside)
 
 
 def figures_of(simulation: Simulation) -> Mapping[str, Mapping[str, float]]:
@@ -425,7 +418,6 @@ def errors_table(found: PredictionResult) -> Table:
 
 
 def _error_rows(found: PredictionResult, simulation: Simulation, label: str) -> list[list[Cell]]:
-    """Return a row of errors for each channel; ``label`` names the simulation."""
     errors = simulation.figures
     if errors is None:
         return [[label, *NO_FIT]]

@@ -330,15 +330,7 @@ def _figure(
     verdict: ToleranceVerdict, record: Record, predicted: Mapping[str, np.ndarray]
 ) -> Figure:
     from scenarios.plots.display import axis_label, display_unit
-    from scenarios.plots.style import (
-        BLUE,
-        SKY,
-        VERMILION,
-        finish,
-        make_sheet,
-        time_axis,
-        y_label,
-    )
+    from scenarios.plots.style import BLUE, SKY, VERMILION, finish, make_sheet, time_axis, y_label
 
     sheet = make_sheet([1.5] * len(verdict.channels))
     for panel, each in zip(sheet.panels, verdict.channels, strict=True):

@@ -35,7 +35,7 @@ def _traced(candidates: int) -> Callable[[], Any]:
     from ident.tracing.loop import diagnose
     from scenarios.diagnosis.opening import candidates_for
     from scenarios.studies.catalogue import load_document
-    from scenarios.trials.planted.flights import fly_trace, trace_scenario_of
+    from scenarios.trials.planted_flights import fly_trace, trace_scenario_of
     from sim.vehicles.factory import model_from_constants
 
     scenario, known = trace_scenario_of(*load_document("trace-delay")), rigid_problem()

@@ -133,7 +133,7 @@ def _flown(folder: Path) -> list[str]:
     channels.
     """
     from scenarios.studies.catalogue import load_document
-    from scenarios.trials.planted.flights import fly_trace, trace_scenario_of, write_simulated
+    from scenarios.trials.planted_flights import fly_trace, trace_scenario_of, write_simulated
 
     scenario = trace_scenario_of(*load_document("trace-delay"))
     return [str(path) for path in write_simulated(fly_trace(scenario, scenario.seed), folder)]

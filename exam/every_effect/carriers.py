@@ -23,8 +23,8 @@ from exam.random_cases.vehicles import (
 from exam.random_cases.vehicles import NOISE as OF_PAPERS
 from scenarios.studies.declaration import maneuvers_by_input
 from scenarios.studies.estimating import resting
-from scenarios.trials.planted.declaration import RecordPlan, TraceScenario, true_vehicle
-from scenarios.trials.planted.flights import started_file, trace_scenario_of
+from scenarios.trials.planted_declaration import RecordPlan, TraceScenario, true_vehicle
+from scenarios.trials.planted_flights import started_file, trace_scenario_of
 from sim.declaration.effect import Effect, full_name
 from sim.declaration.model import Equations, Model, Noise
 from sim.maneuvers import Maneuver

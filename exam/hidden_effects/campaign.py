@@ -26,9 +26,9 @@ from exam.scores.scored_flight import (
 from exam.scoring import Share, same_fault, share_of_flights, share_within_flights
 from ident.tracing.diagnosis import Claim, Verdict
 from scenarios.studies.catalogue import load_document
-from scenarios.trials.planted.declaration import Grade, TraceScenario
-from scenarios.trials.planted.flights import trace_scenario_of
-from scenarios.trials.planted.study import TraceStudy, run_trace
+from scenarios.trials.planted_declaration import Grade, TraceScenario
+from scenarios.trials.planted_flights import trace_scenario_of
+from scenarios.trials.planted_study import TraceStudy, run_trace
 
 SIGMAS = 2.0
 

@@ -19,7 +19,7 @@ from exam.scores.page import scores_sections
 from scenarios.report.document import Page, as_sentence, capital, now, section
 from scenarios.report.figure_formats import Drawn
 from scenarios.report.terminal import rows_table
-from scenarios.trials.planted.declaration import TraceScenario
+from scenarios.trials.planted_declaration import TraceScenario
 
 
 def campaign_page(scenario: TraceScenario, done: Flown, drawn: Sequence[Drawn] = ()) -> Page:

@@ -21,7 +21,7 @@ from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import write_page
 from scenarios.report.summary import WIDTH
 from scenarios.report.terminal import rows_table, table_as_lines
-from scenarios.trials.planted.declaration import TraceScenario
+from scenarios.trials.planted_declaration import TraceScenario
 
 VERDICTS = (Column("verdict"), replace(SHARED[0], heading="flights"), *SHARED[1:])
 SHARES = (Column("share"), *SHARED)

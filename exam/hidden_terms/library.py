@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from scenarios.trials.planted.declaration import find_term, own_terms
+from scenarios.trials.planted_declaration import find_term, own_terms
 from sim.declaration.effect import Effect
 from sim.declaration.model import Equations
 

@@ -11,7 +11,7 @@ from exam.random_cases.case import CaseScore
 from exam.random_cases.kinds import KINDS
 from ident.statistics.intervals import clopper_pearson, clustered_share
 from scenarios.report.summary import columns_of, table_lines
-from scenarios.trials.planted.declaration import OWN
+from scenarios.trials.planted_declaration import OWN
 
 TWO_SIGMAS = 2.0
 HEADINGS = (

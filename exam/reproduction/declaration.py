@@ -184,8 +184,8 @@ def published_of(paper: Paper, column: str) -> dict[str, Printed]:
     prints. Raises DeclarationError.
     """
     content = (
-        files("scenarios.studies.published")
-        .joinpath(f"{paper.published}.toml")
+        files("scenarios.studies")
+        .joinpath("published", f"{paper.published}.toml")
         .read_text(encoding="utf-8")
     )
     table, _, name = column.partition(".")

@@ -13,7 +13,7 @@ from exam.surrogates.study import SurrogateStudy
 from scenarios.diagnosis.report.content import bounded, positive
 from scenarios.files.sources import versions
 from scenarios.report.figure_formats import USUAL, Formats
-from scenarios.trials.planted.report import write_trial
+from scenarios.trials.planted_report import write_trial
 
 
 def write_surrogate(study: SurrogateStudy, folder: str | Path, *, figures: Formats = USUAL) -> Path:

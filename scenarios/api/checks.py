@@ -26,14 +26,14 @@ from scenarios.api.requests import (
     request_of,
     with_parts,
 )
-from scenarios.api.shown import path_given, write_report
+from scenarios.api.shown import SavedResult
 from scenarios.api.tables import band_of, in_python_words, names_of, with_python_errors
 from scenarios.api.vehicle import Vehicle
 from scenarios.compatibility import check as checking
 from scenarios.compatibility.report import finding_lines
 from scenarios.files.declarations import read_channel_map
 from scenarios.preparation.plan import DeclaredParts
-from scenarios.report.figure_formats import formats_wanted
+from scenarios.report.figure_formats import Formats
 from scenarios.responses import analysis
 from scenarios.responses.fitting import FitOptions, ModelOptions
 from scenarios.responses.qualities import LevelOptions, levels_by_name, pilot_demand
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Check:
+class Check(SavedResult):
     """Sensor faults found by kinematics. ``details``: the complete internal result."""
 
     details: checking.CompatibilityCheck
@@ -119,17 +119,10 @@ class Check:
 
         return check_content(self.details)
 
-    def save(
-        self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
-    ) -> Path:
-        """Write the study as the command does with ``--out``; returns the folder."""
+    def _write(self, folder: Path, figures: Formats) -> Path:
         from scenarios.compatibility.report import write_check
 
-        return write_check(self.details, path_given(folder), figures=formats_wanted(figures))
-
-    def report(self, path: str | PathLike[str]) -> Path:
-        """Write its page alone, one HTML file that holds its figures; returns the path."""
-        return write_report(self.save, path)
+        return write_check(self.details, folder, figures=figures)
 
     @property
     def plot(self) -> plot.Figures:
@@ -190,7 +183,7 @@ def check(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Maneuvers:
+class Maneuvers(SavedResult):
     """The maneuvers of a record. ``details``: the complete internal result."""
 
     details: maneuvers.FoundManeuvers
@@ -238,17 +231,10 @@ class Maneuvers:
 
         return maneuvers_content(self.details)
 
-    def save(
-        self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
-    ) -> Path:
-        """Write ``maneuvers.toml``, figure and page as the command does; returns the folder."""
+    def _write(self, folder: Path, figures: Formats) -> Path:
         from scenarios.maneuvers import write_maneuvers
 
-        return write_maneuvers(self.details, path_given(folder), figures=formats_wanted(figures))
-
-    def report(self, path: str | PathLike[str]) -> Path:
-        """Write its page alone, one HTML file that holds its figure; returns the path."""
-        return write_report(self.save, path)
+        return write_maneuvers(self.details, folder, figures=figures)
 
     @property
     def plot(self) -> plot.Figures:
@@ -305,7 +291,7 @@ def find_maneuvers(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FrequencyResponse:
+class FrequencyResponse(SavedResult):
     """Frequency responses of m outputs to q inputs. ``details``: the complete internal result."""
 
     details: analysis.ResponseEstimates
@@ -370,7 +356,6 @@ class FrequencyResponse:
         return pandas.DataFrame(columns).set_index("frequency_Hz")
 
     def _places(self, output: str | None, input: str | None) -> tuple[int, int]:
-        """Return the indices of an output and an input, by default the first."""
         return _place(output, self.outputs, "output"), _place(input, self.inputs, "input")
 
     def to_control(self) -> control.FrequencyResponseData:
@@ -447,17 +432,10 @@ class FrequencyResponse:
 
         return responses_content(self.details)
 
-    def save(
-        self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
-    ) -> Path:
-        """Write JSON, CSV, figures and page as the command does; returns the folder."""
+    def _write(self, folder: Path, figures: Formats) -> Path:
         from scenarios.responses.report import write_responses
 
-        return write_responses(self.details, path_given(folder), figures=formats_wanted(figures))
-
-    def report(self, path: str | PathLike[str]) -> Path:
-        """Write its page alone, one HTML file that holds its figures; returns the path."""
-        return write_report(self.save, path)
+        return write_responses(self.details, folder, figures=figures)
 
     @property
     def plot(self) -> plot.Figures:

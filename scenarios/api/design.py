@@ -26,14 +26,14 @@ from scenarios.api.requests import (
     request_of,
     with_parts,
 )
-from scenarios.api.shown import path_given, write_report
+from scenarios.api.shown import SavedResult, path_given
 from scenarios.api.tables import band_of, names_of, refuse_wrong_type, with_python_errors
 from scenarios.api.vehicle import Vehicle, source_of
 from scenarios.maneuver_design import design as designing
 from scenarios.maneuver_design.report import design_text, verdict_of
 from scenarios.maneuver_design.setting import TYPICAL, DesignRequest
 from scenarios.maneuver_design.tables import maneuvers_table, peaks_of
-from scenarios.report.figure_formats import formats_wanted
+from scenarios.report.figure_formats import Formats
 from scenarios.structure import study as structures
 from sim.errors import DeclarationError
 
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Design:
+class Design(SavedResult):
     """Maneuvers compared before they are flown, the best first. ``details``: the complete internal
     result.
     """
@@ -76,7 +76,6 @@ class Design:
         return record_of(input_of(self._maneuver(kind)))
 
     def _maneuver(self, kind: str | None) -> designing.DesignedManeuver:
-        """Return the maneuver of a kind; the best if there is none."""
         maneuvers = self.details.maneuvers
         return next((each for each in maneuvers if each.kind == kind), self.details.best)
 
@@ -123,17 +122,10 @@ class Design:
         """Return the text that the command prints."""
         return design_text(self.details)
 
-    def save(
-        self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
-    ) -> Path:
-        """Write the design as the command does with ``--out``; returns the folder."""
+    def _write(self, folder: Path, figures: Formats) -> Path:
         from scenarios.maneuver_design.report import write_design
 
-        return write_design(self.details, path_given(folder), figures=formats_wanted(figures))
-
-    def report(self, path: str | PathLike[str]) -> Path:
-        """Write its page alone, one HTML file that holds its figures; returns the path."""
-        return write_report(self.save, path)
+        return write_design(self.details, folder, figures=figures)
 
     def __repr__(self) -> str:
         return f"<Design: {verdict_of(self.details)}>"
@@ -217,7 +209,7 @@ def _pairs(values: Mapping[str, Any] | None) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Structure:
+class Structure(SavedResult):
     """Terms of the aerodynamic coefficients that records support. ``details``: the complete
     internal result.
     """
@@ -275,11 +267,10 @@ class Structure:
 
         return structure_content(self.details)
 
-    def save(self, folder: str | PathLike[str], *, figures: bool = True) -> Path:
-        """Write table, page, JSON and ``vehicle.toml`` as the command does; returns the folder."""
+    def _write(self, folder: Path, figures: Formats) -> Path:
         from scenarios.structure.report import write_structure
 
-        return write_structure(self.details, path_given(folder), figures=formats_wanted(figures))
+        return write_structure(self.details, folder, figures=figures)
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{axis} {len(terms)}" for axis, terms in self.terms.items())

@@ -30,16 +30,17 @@ from scenarios.api.shown import (
     Effect,
     Parameter,
     Parameters,
+    SavedResult,
+    WithParameters,
     claimed_effects,
     path_given,
     prediction_of,
-    write_report,
     write_sheets,
 )
 from scenarios.api.tables import in_python_words, with_python_errors
 from scenarios.api.vehicle import Vehicle
 from scenarios.diagnosis.diagnose import Tracing, diagnose_files
-from scenarios.report.figure_formats import formats_wanted
+from scenarios.report.figure_formats import Formats, formats_wanted
 from scenarios.survey import survey as surveying
 from scenarios.survey.files import write_survey
 from scenarios.survey.report import (
@@ -64,7 +65,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Diagnosis:
+class Diagnosis(SavedResult, WithParameters):
     """What a model lacks, as the records show it.
 
     Attributes
@@ -158,9 +159,6 @@ class Diagnosis:
         """Notes on the preparation of the records, one sentence each."""
         return self.details.notes
 
-    def __getitem__(self, name: str) -> Parameter:
-        return self.parameters[name]
-
     def summary(self) -> str:
         """Return the text that the command prints."""
         from scenarios.diagnosis.report.text import diagnosis_text
@@ -202,14 +200,6 @@ class Diagnosis:
         rows = [[getattr(candidate, key) for key in keys] for candidate in candidates]
         return pandas.DataFrame(rows, columns=keys)
 
-    def to_markdown(self) -> str:
-        """Return the parameters as a Markdown table, with digits by their sigmas."""
-        return self.parameters.to_markdown()
-
-    def to_latex(self) -> str:
-        """The parameters as a LaTeX ``tabular`` with the rules of the package ``booktabs``."""
-        return self.parameters.to_latex()
-
     def to_excel(self, path: str | PathLike[str]) -> Path:
         """Write the parameters, before and after, as an XLSX workbook with full precision.
 
@@ -237,19 +227,10 @@ class Diagnosis:
             pade,
         )
 
-    def save(
-        self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
-    ) -> Path:
-        """Write the study with ``report.html`` as the command does; returns the folder."""
+    def _write(self, folder: Path, figures: Formats) -> Path:
         from scenarios.diagnosis.report.files import write_diagnosis
 
-        return write_diagnosis(self.details, path_given(folder), figures=formats_wanted(figures))
-
-    def report(
-        self, path: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
-    ) -> Path:
-        """Write the report alone, one HTML file that holds its figures; returns the path."""
-        return write_report(lambda folder: self.save(folder, figures=figures), path)
+        return write_diagnosis(self.details, folder, figures=figures)
 
     @property
     def plot(self) -> plot.Figures:
@@ -358,7 +339,7 @@ def _parameters(quantities: Mapping[str, Quantity]) -> Parameters:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Survey:
+class Survey(SavedResult):
     """Effects and trends over many flights of one aircraft.
 
     Attributes
@@ -438,18 +419,8 @@ class Survey:
         """Return the text that the command prints."""
         return survey_text(self.details, details=KEPT)
 
-    def save(
-        self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
-    ) -> Path:
-        """Write the survey's files as the command does; returns the folder.
-
-        The folders of the flights stay in ``folder`` of the result.
-        """
-        return write_survey(self.details, path_given(folder), figures=formats_wanted(figures))
-
-    def report(self, path: str | PathLike[str]) -> Path:
-        """Write its page alone, one HTML file that holds its figures; returns the path."""
-        return write_report(self.save, path)
+    def _write(self, folder: Path, figures: Formats) -> Path:
+        return write_survey(self.details, folder, figures=figures)
 
     def __repr__(self) -> str:
         return repr(self.details)

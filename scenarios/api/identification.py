@@ -34,10 +34,11 @@ from scenarios.api.requests import (
 from scenarios.api.shown import (
     Parameter,
     Parameters,
+    SavedResult,
+    WithParameters,
     errors_of,
     path_given,
     response_of,
-    write_report,
     write_sheets,
 )
 from scenarios.api.tables import band_of, in_python_words, names_of, with_python_errors
@@ -47,7 +48,7 @@ from scenarios.identification.assessment import Options
 from scenarios.identification.identify import Identified, identify_files
 from scenarios.prediction import PredictionRequest, figures_of, predict_record
 from scenarios.preparation.plan import Request
-from scenarios.report.figure_formats import formats_wanted
+from scenarios.report.figure_formats import Formats
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Identification:
+class Identification(SavedResult, WithParameters):
     """Parameters of a model from records. ``found["Cm_alpha"].value``, ``.sigma``, ``.unit``.
 
     Attributes
@@ -184,14 +185,6 @@ class Identification:
         """Return one row per parameter: ``unit``, ``value``, ``sigma``, ``start``."""
         return self.parameters.to_dataframe()
 
-    def to_markdown(self) -> str:
-        """Return the parameters as a Markdown table, with digits by their sigmas."""
-        return self.parameters.to_markdown()
-
-    def to_latex(self) -> str:
-        """The parameters as a LaTeX ``tabular`` with the rules of the package ``booktabs``."""
-        return self.parameters.to_latex()
-
     def to_excel(self, path: str | PathLike[str]) -> Path:
         """Write parameters and biases as an XLSX workbook with full precision; returns the path.
         Needs openpyxl.
@@ -240,19 +233,10 @@ class Identification:
 
         return to_control(self.linearised(), pade)
 
-    def save(
-        self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
-    ) -> Path:
-        """Write the study as the command does with ``--out``; returns the folder."""
+    def _write(self, folder: Path, figures: Formats) -> Path:
         from scenarios.identification.files import write_identification
 
-        return write_identification(
-            self.details, path_given(folder), figures=formats_wanted(figures)
-        )
-
-    def report(self, path: str | PathLike[str]) -> Path:
-        """Write its page alone, one HTML file that holds its figures; returns the path."""
-        return write_report(self.save, path)
+        return write_identification(self.details, folder, figures=figures)
 
     @property
     def plot(self) -> plot.Figures:
@@ -388,7 +372,7 @@ def refuse_no_study(study: Any) -> None:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Prediction:
+class Prediction(SavedResult):
     """A record predicted by a model that was not fitted to it.
 
     ``details``: the complete internal result.
@@ -451,13 +435,10 @@ class Prediction:
 
         return prediction_text(self.details)
 
-    def save(
-        self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
-    ) -> Path:
-        """Write the prediction as the command does with ``--out``; returns the folder."""
+    def _write(self, folder: Path, figures: Formats) -> Path:
         from scenarios.prediction import write_prediction
 
-        return write_prediction(self.details, path_given(folder), figures=formats_wanted(figures))
+        return write_prediction(self.details, folder, figures=figures)
 
     def _rows(self) -> list[tuple[Any, ...]]:
         return [
@@ -470,10 +451,6 @@ class Prediction:
         """Return the simulations by model: ``declared``, if there is one, and ``predicted``."""
         both = (("declared", self.details.before), ("predicted", self.details.after))
         return [(model, simulation) for model, simulation in both if simulation is not None]
-
-    def report(self, path: str | PathLike[str]) -> Path:
-        """Write its page alone, one HTML file that holds its figures; returns the path."""
-        return write_report(self.save, path)
 
     def __repr__(self) -> str:
         text = ", ".join(

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -27,46 +27,23 @@ if TYPE_CHECKING:
     from sim import record as sim_record
 
 
-class FittedResult(Protocol):
-    """An identification."""
+Inner_co = TypeVar("Inner_co", covariant=True)
+
+
+class ResultOf(Protocol[Inner_co]):
+    """A result with the complete internal result of type ``Inner_co``."""
 
     @property
-    def details(self) -> Identified: ...
+    def details(self) -> Inner_co: ...
 
 
-class SimulatedStudy(Protocol):
-    """A study of simulated flights."""
-
-    @property
-    def details(self) -> Any: ...
-
-
-class DiagnosisResult(Protocol):
-    """A diagnosis."""
-
-    @property
-    def details(self) -> Tracing: ...
-
-
-class CheckResult(Protocol):
-    """A check of the kinematics."""
-
-    @property
-    def details(self) -> CompatibilityCheck: ...
-
-
-class ManeuverResult(Protocol):
-    """The maneuvers of a record."""
-
-    @property
-    def details(self) -> FoundManeuvers: ...
-
-
-class ResponseResult(Protocol):
-    """Frequency responses of records."""
-
-    @property
-    def details(self) -> ResponseEstimates: ...
+if TYPE_CHECKING:
+    FittedResult = ResultOf[Identified]
+    SimulatedStudy = ResultOf[Any]
+    DiagnosisResult = ResultOf[Tracing]
+    CheckResult = ResultOf[CompatibilityCheck]
+    ManeuverResult = ResultOf[FoundManeuvers]
+    ResponseResult = ResultOf[ResponseEstimates]
 
 
 class RecordChannels(Protocol):

@@ -17,12 +17,12 @@ from scenarios.files.declarations import (
     CHANNEL_UNITS,
     STICK,
     TIME,
-    closest,
     read_channel_map,
+    refuse_unknown,
     split_header,
 )
 from scenarios.files.formats.cells import CellTable, header_cell, numbers
-from scenarios.files.formats.parquet import frame_header
+from scenarios.files.formats.tabular import frame_header
 from scenarios.files.measured.columns import (
     RecordFile,
     Sidecar,
@@ -137,12 +137,7 @@ def named_inputs(
         )
     chosen = (names,) if isinstance(names, str) else tuple(names)
     for name in chosen:
-        if name not in channels:
-            raise RecordError(
-                f"there is no channel {name!r}",
-                where=f"{where}, inputs",
-                remedy=closest(str(name), list(channels)),
-            )
+        refuse_unknown("channel", name, channels, f"{where}, inputs", RecordError)
     return chosen
 
 
@@ -165,9 +160,7 @@ def refuse_units(units: Mapping[str, str], file: RecordFile) -> None:
             )
         if not stated_units and name not in columns:
             names = [split_header(cell)[0] for cell in table.header if cell]
-            raise RecordError(
-                f"there is no column {name!r}", where=where, remedy=closest(name, names)
-            )
+            refuse_unknown("column", name, names, where, RecordError)
         for stated in stated_units.values():
             if stated and stated != unit:
                 what = f"column {name!r} is in {stated}, as it says itself, not in {unit}"
@@ -241,12 +234,7 @@ def file_of_columns(
     )
     sidecar = Sidecar(label, hold or Hold.PREVIOUS, dict(units or {}), hold is not None)
     return RecordFile(
-        Path(label),
-        table,
-        sidecar,
-        InputFile(label, digest_of(table)),
-        {},
-        in_memory=True,
+        Path(label), table, sidecar, InputFile(label, digest_of(table)), {}, in_memory=True
     )
 
 

@@ -88,9 +88,9 @@ def _identification(name: str, changes: Sequence[str]) -> Runner:
 
 
 def _trace(name: str, changes: Sequence[str]) -> Runner:
-    from scenarios.trials.planted.flights import trace_scenario_of
-    from scenarios.trials.planted.report import trace_text, write_trace
-    from scenarios.trials.planted.study import run_trace
+    from scenarios.trials.planted_flights import trace_scenario_of
+    from scenarios.trials.planted_report import trace_text, write_trace
+    from scenarios.trials.planted_study import run_trace
 
     run = partial(run_trace, trace_scenario_of(*load_document(name, changes)))
     return Runner(
@@ -310,7 +310,6 @@ def _times(given: Times) -> list[float] | None:
 
 
 def _listed(given: RecordSource | Sequence[RecordSource]) -> list[RecordSource]:
-    """Return one record or several as a list."""
     if given is None:
         return []
     return list(given) if isinstance(given, list | tuple) else [given]
@@ -366,7 +365,7 @@ def flown(name: str, seed: int | None, changes: Sequence[str]) -> Flight:
 
 
 def _trace_flight(name: str, seed: int | None, changes: Sequence[str]) -> Flight:
-    from scenarios.trials.planted.flights import fly_trace, trace_scenario_of
+    from scenarios.trials.planted_flights import fly_trace, trace_scenario_of
 
     scenario = trace_scenario_of(*load_document(name, changes))
     with named_after(scenario_file(name)):
@@ -376,7 +375,7 @@ def _trace_flight(name: str, seed: int | None, changes: Sequence[str]) -> Flight
 
 
 def _jsbsim_flight(name: str, seed: int | None, changes: Sequence[str]) -> Flight:
-    from scenarios.trials.jsbsim.flight import fly_jsbsim, jsbsim_of
+    from scenarios.trials.jsbsim_flight import fly_jsbsim, jsbsim_of
 
     flight = jsbsim_of(*load_document(name, changes))
     with named_after(scenario_file(name)):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,6 +18,7 @@ from scenarios.api import tables
 from scenarios.diagnosis.report.text import effect_heading, wording_of
 from scenarios.files.declarations import TIME
 from scenarios.identification.assessment import IdentificationResult, RecordFit
+from scenarios.report.figure_formats import Formats, formats_wanted
 from scenarios.report.quantities import determined, number_text, value_text
 from scenarios.report.summary import PAGE
 from sim.errors import DeclarationError
@@ -66,6 +68,27 @@ def write_report(save: Callable[[Path], Any], path: str | PathLike[str]) -> Path
         page = (folder / PAGE).read_bytes()
     target.write_bytes(page)
     return target
+
+
+class SavedResult:
+    """A result that can be written as the command writes it with ``--out``."""
+
+    def _write(self, folder: Path, figures: Formats) -> object:
+        raise NotImplementedError
+
+    def save(
+        self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
+    ) -> Path:
+        """Write the study as the command does with ``--out``; returns the folder."""
+        path = path_given(folder)
+        self._write(path, formats_wanted(figures))
+        return path
+
+    def report(
+        self, path: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
+    ) -> Path:
+        """Write its page alone, one HTML file that holds its figures; returns the path."""
+        return write_report(lambda folder: self.save(folder, figures=figures), path)
 
 
 # ---- Estimated numbers by name, each with its sigma and unit
@@ -180,6 +203,25 @@ class Parameters(Mapping[str, Parameter]):
 
     def _repr_html_(self) -> str:
         return tables.page("parameters", self.html_table())
+
+
+class WithParameters:
+    """A result with ``parameters``, which are its elements and its tables."""
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        raise NotImplementedError
+
+    def __getitem__(self, name: str) -> Parameter:
+        return self.parameters[name]
+
+    def to_markdown(self) -> str:
+        """Return the parameters as a Markdown table, with digits by their sigmas."""
+        return self.parameters.to_markdown()
+
+    def to_latex(self) -> str:
+        """The parameters as a LaTeX ``tabular`` with the rules of the package ``booktabs``."""
+        return self.parameters.to_latex()
 
 
 def write_sheets(path: str | PathLike[str], sheets: Mapping[str, Parameters]) -> Path:

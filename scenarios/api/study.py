@@ -16,35 +16,26 @@ from ident.flying_qualities.modes import state_space, to_control
 from scenarios.api import plot, tables
 from scenarios.api.diagnosis import Diagnosis
 from scenarios.api.record import Record, record_of
-from scenarios.api.requests import (
-    KEPT,
-    LOADERS,
-    Flight,
-    Runner,
-    flown,
-    no_progress,
-)
+from scenarios.api.requests import KEPT, LOADERS, Flight, Runner, flown, no_progress
 from scenarios.api.shown import (
     Parameter,
     Parameters,
+    SavedResult,
+    WithParameters,
     path_given,
     row_of,
-    write_report,
     write_sheets,
 )
 from scenarios.api.tables import names_of, with_python_errors
 from scenarios.files.declarations import named_after
 from scenarios.files.user_models import is_own
 from scenarios.identification.files import linearised
-from scenarios.report.figure_formats import formats_wanted
+from scenarios.report.figure_formats import Formats
 from scenarios.studies import campaign as campaigns
-from scenarios.studies.campaign import Rebuilt
 from scenarios.studies.campaign_causes import Judgement, judge
 from scenarios.studies.campaign_report import findings_content
 from scenarios.studies.catalogue import (
     IDENTIFICATION,
-    load_document,
-    moved,
     scenario_file,
     scenario_kind,
 )
@@ -83,7 +74,7 @@ Settings = Mapping[str, Any] | Sequence[str] | None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Study:
+class Study(SavedResult, WithParameters):
     """Result of a scenario: true values, estimates and sigmas.
 
     Attributes
@@ -157,9 +148,6 @@ class Study:
         """The first record."""
         return self.records[0]
 
-    def __getitem__(self, name: str) -> Parameter:
-        return self.parameters[name]
-
     def summary(self) -> str:
         """Return the text that the command prints."""
         return self._runner.text(self.details)
@@ -174,14 +162,6 @@ class Study:
             frame["true"] = [self.true.get(name, float("nan")) for name in frame.index]
             frame["sigmas"] = (frame["value"] - frame["true"]) / frame["sigma"]
         return frame
-
-    def to_markdown(self) -> str:
-        """Return the parameters as a Markdown table, with digits by their sigmas."""
-        return self.parameters.to_markdown()
-
-    def to_latex(self) -> str:
-        """The parameters as a LaTeX ``tabular`` with the rules of the package ``booktabs``."""
-        return self.parameters.to_latex()
 
     def to_excel(self, path: str | PathLike[str]) -> Path:
         """Write the parameters as an XLSX workbook with full precision; returns the path.
@@ -203,16 +183,8 @@ class Study:
             raise DeclarationError(what, where=self.name, remedy=remedy)
         return matrices_of_study(self.details, self.kind, pade)
 
-    def save(
-        self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
-    ) -> Path:
-        """Write the study as the command does with ``--out``; returns the folder."""
-        self._runner.write(self.details, path_given(folder), figures=formats_wanted(figures))
-        return path_given(folder)
-
-    def report(self, path: str | PathLike[str]) -> Path:
-        """Write its page alone, one HTML file that holds its figures; returns the path."""
-        return write_report(self.save, path)
+    def _write(self, folder: Path, figures: Formats) -> object:
+        return self._runner.write(self.details, folder, figures=figures)
 
     @property
     def plot(self) -> plot.Figures:
@@ -334,7 +306,7 @@ COLUMNS = ("unit", "reference", "bias", "scatter", "reported", "within_one", "wi
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Campaign:
+class Campaign(SavedResult):
     """Estimates of many runs, compared with the truth.
 
     ``details``: the complete internal result. ``noise_levels``: noise levels are estimated even if
@@ -443,11 +415,10 @@ class Campaign:
 
         return as_text(lambda out: print_campaign(self.details, out, KEPT, self._judgement))
 
-    def save(self, folder: str | PathLike[str]) -> Path:
-        """Write data files, figures and page as the command does; returns the folder."""
+    def _write(self, folder: Path, figures: Formats) -> Path:
         from scenarios.studies.folder import write_campaign
 
-        return write_campaign(self.details, self._judgement, path_given(folder))
+        return write_campaign(self.details, self._judgement, folder, figures=figures)
 
     @property
     def _title(self) -> str:
@@ -455,10 +426,6 @@ class Campaign:
             f"{self.details.scenario.name}, {len(self.details.seeds)} runs by "
             f"{self.details.estimation.label}"
         )
-
-    def report(self, path: str | PathLike[str]) -> Path:
-        """Write its page alone, one HTML file that holds its figures; returns the path."""
-        return write_report(self.save, path)
 
     def __repr__(self) -> str:
         low, high = self.coverage_interval
@@ -519,28 +486,19 @@ def campaign(
     """
     text = str(name)
     count = _count_of(runs)
-    kind = scenario_kind(text)
-    if kind == "trace":
-        raise moved(f"a campaign of {text}", f"hidden-effects {text}", "campaign")
-    if kind != IDENTIFICATION:
-        what = f"there is no campaign of a scenario of kind {kind}"
-        raise DeclarationError(what, where="campaign", remedy="name a scenario of estimators")
+    rebuilt = campaigns.campaign_scenario(text, changes_of(set), "campaign")
     execution = Execution(
         jobs, None if out is None else path_given(out), resume, cluster, time_limit
     )
-    document, short, where = load_document(text, changes_of(set))
-    rebuilt_scenario = Rebuilt(
-        {key: value for key, value in document.items() if key != "kind"}, short, where
-    )
-    with named_after(where):
+    with named_after(rebuilt.where):
         found = campaigns.fly_campaign(
-            rebuilt_scenario.scenario(),
+            rebuilt.scenario(),
             count,
             seed_of(seed),
             method or "main",
             no_progress,
             execution,
-            rebuilt_scenario,
+            rebuilt,
         )
     if len(found.seeds) < found.asked:
         # A program must not continue as if all runs had finished.

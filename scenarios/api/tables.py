@@ -335,6 +335,25 @@ def effects() -> Table:
     return Table("effects", ("effect", "station", "explanation", "parameters"), tuple(rows))
 
 
+def model_family(name: str) -> tuple[Equations, Mapping[str, str], Mapping[str, str]]:
+    """Return the equations of a built-in model, and the units of its constants and parameters.
+
+    Those of ``aircraft`` depend on the file; here they are those of a generic airliner.
+    """
+    from scenarios.files.aircraft_files import example
+    from scenarios.files.vehicles import AIRCRAFT
+    from sim.vehicles.factory import FAMILIES
+
+    if name != AIRCRAFT:
+        return FAMILIES[name]
+    model = example()
+    constants, parameters = (
+        {item.name: item.unit for item in model.parameters if item.free is free}
+        for free in (False, True)
+    )
+    return model.equations, constants, parameters
+
+
 def models() -> Table:
     """Return the models: name, description, inputs, outputs, constants and parameters.
 
@@ -347,23 +366,12 @@ def models() -> Table:
     >>> fid.models()["rigid"]["inputs"]
     ('elevator',)
     """
-    from scenarios.files.aircraft_files import example
-    from scenarios.files.vehicles import AIRCRAFT, MODELS
-    from sim.vehicles.factory import FAMILIES
+    from scenarios.files.vehicles import MODELS
 
     rows = []
     for name in MODELS:
-        equations: Equations
-        if name == AIRCRAFT:
-            model = example()
-            equations = model.equations
-            constants, derivatives = (
-                {item.name: item.unit for item in model.parameters if item.free is free}
-                for free in (False, True)
-            )
-        else:
-            family = FAMILIES["rigid" if name == "flexible" else name]
-            equations, constants, derivatives = family[0], dict(family[1]), dict(family[2])
+        # The flexible model has the signals of the rigid one, and its modes are of any number.
+        equations, constants, derivatives = model_family("rigid" if name == "flexible" else name)
         signals = (
             tuple(signal.name for signal in group)
             for group in (equations.inputs, equations.outputs)

@@ -1,9 +1,4 @@
-"""The command line: options of each command. `scenarios.commands` has their work.
-
-The help must be fast. So this package imports only modules that load neither NumPy nor SciPy; a
-command imports its work when it runs. To add a command, write a function in `study_commands.py` or
-`record_commands.py`, add it to `COMMANDS` in `application.py`, and write its work in `commands`.
-"""
+"""The command line: options of each command, and its call of the functions that do the work."""
 
 from __future__ import annotations
 

@@ -5,51 +5,45 @@ codes.
 from __future__ import annotations
 
 import contextlib
+import errno
 import gc
 import io
 import os
+import re
 import signal
 import sys
 import threading
+import tomllib
 import typing
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib.resources import files
+from traceback import walk_tb
 from types import FrameType
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from scenarios.cli.record_commands import (
-    check,
-    diagnose,
-    identify,
-    maneuvers,
-    map_,
-    response,
-    survey,
-    watch,
-)
+from scenarios.cli.model_commands import diagnose, export, identify, predict, survey, watch
+from scenarios.cli.record_commands import check, maneuvers, map_, response, structure
 from scenarios.cli.study_commands import (
     campaign,
     compare,
     design,
     effects,
-    export,
     lab,
     list_,
     models,
-    predict,
     report,
     run,
     simulate,
-    structure,
     vehicles,
 )
-from scenarios.commands.failures import Stopped, each_validated
+from scenarios.files.declarations import MODULE
 from scenarios.files.sources import escaped_streams, versions
-from sim.errors import DeclarationError
+from sim.errors import DeclarationError, FlightidError
 
 # ---- Signals that end the process
 
@@ -88,181 +82,129 @@ def ending_signals() -> Iterator[list[int]]:
             signal.signal(number, previous[number])
 
 
+# ---- Failures as one line on stderr with an exit code
+
+LONGEST_WORD = 300  # characters of a path or name; the middle of a longer one is left out
+LONGEST_LINE = 3000  # characters of a line; the middle of a longer one is left out
+_NO_SPACE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+FAILED, BAD_INPUT = 1, 2  # exit codes
+INTERRUPTED_EXIT_CODE = 130  # after Ctrl-C: 128 and the number of the signal
+
+
+class Stopped(Exception):
+    """Ctrl-C, hidden from the command-line library; its text names the stored results."""
+
+
+def report_error(error: BaseException) -> int:
+    """Print one line for an error and return the exit code.
+
+    The code is 2 for bad usage or input, 130 for Ctrl-C, 0 for a clean exit, and 1 for anything
+    else. An error in a user's model or effects, SystemExit included, is reported with file and
+    line. The text of a KeyboardInterrupt names the stored results. Errors of the command-line
+    library are recognised by their attributes, because the names of its classes change.
+    """
+    if not isinstance(error, FlightidError | MemoryError | KeyboardInterrupt) and (
+        place := _place_in_users_file(error)
+    ):
+        return _print_line(f"{place}: {type(error).__name__}: {error}; mend that line", BAD_INPUT)
+    if isinstance(error, SystemExit):
+        return error.code if isinstance(error.code, int) else int(error.code is not None)
+    if isinstance(error, FlightidError):
+        return _print_line(str(error), BAD_INPUT)
+    if isinstance(error, MemoryError):
+        reason = f": {error}" if str(error) else ""
+        return _print_line(
+            f"out of memory{reason}; give less data at once, or ask for fewer samples or runs",
+            FAILED,
+        )
+    if isinstance(error, BrokenPipeError):
+        return FAILED
+    if isinstance(error, OSError) and error.errno is not None:
+        return _print_line(_system_error_text(error), BAD_INPUT)
+    name = type(error).__name__
+    if isinstance(error, KeyboardInterrupt | Stopped) or name == "Abort":
+        results = str(error) or "nothing was written"
+        return _print_line(f"stopped; {results}", INTERRUPTED_EXIT_CODE)
+    if name == "NoArgsIsHelpError":
+        return _print_line("no command is given; see flightid --help", BAD_INPUT)
+    if hasattr(error, "format_message") and hasattr(error, "exit_code"):
+        return _print_line(_usage_error_text(error), BAD_INPUT)
+    if hasattr(error, "exit_code"):
+        return int(error.exit_code)
+    return _print_line(
+        f"internal error: {name}: {error}; run it again with --debug and report what it prints",
+        FAILED,
+    )
+
+
+def _place_in_users_file(error: BaseException) -> str:
+    """Return file and line of the innermost frame in the user's Python code; empty without one."""
+    place = ""
+    for frame, line in walk_tb(error.__traceback__):
+        if str(frame.f_globals.get("__name__", "")).startswith(MODULE):
+            place = f"{frame.f_code.co_filename}, line {line}"
+    return place
+
+
+def _usage_error_text(error: Any) -> str:
+    """Return the message of the command-line library, and the command that prints its help."""
+    text = error.format_message().rstrip(".")
+    command = getattr(getattr(error, "ctx", None), "command_path", None) or "flightid"
+    return f"{text[:1].lower()}{text[1:]}; see {' '.join(command.split())} --help"
+
+
+def _system_error_text(error: OSError) -> str:
+    """Return file, message and remedy of an error of the operating system."""
+    remedies = {
+        **dict.fromkeys(_NO_SPACE, "make room, or write to another place"),
+        **dict.fromkeys(
+            (errno.EMFILE, errno.ENFILE),
+            "raise the limit of open files (ulimit -n), or use fewer processes (--jobs)",
+        ),
+        **dict.fromkeys(
+            (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.ENOENT), "check the path"
+        ),
+        **dict.fromkeys(
+            (errno.EAGAIN, errno.ENOMEM),
+            "use fewer processes (--jobs), or wait until others have ended",
+        ),
+    }
+    number = error.errno or 0
+    place = "the output" if number in _NO_SPACE else "the system"
+    if isinstance(error.filename, str | bytes):
+        place = os.fsdecode(error.filename)
+    remedy = remedies.get(number, "check the path and its permissions")
+    return f"{place}: {error.strerror or error}; {remedy}"
+
+
+def _print_line(text: str, code: int) -> int:
+    """Print a text as one line on stderr, shortened if very long, and return the exit code."""
+    line = " ".join(text.split()).removeprefix("flightid: ")
+    line = re.sub(
+        rf"\S{{{LONGEST_WORD},}}",
+        lambda word: f"{word[0][: LONGEST_WORD // 2]}...{word[0][-LONGEST_WORD // 4 :]}",
+        line,
+    )
+    if len(line) > LONGEST_LINE:
+        line = f"{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 2 :]}"
+    if sys.stderr is not None:  # if stderr is closed or full, only the exit code remains
+        with contextlib.suppress(OSError, ValueError):
+            print(f"flightid: {line}", file=sys.stderr)
+    return code
+
+
 # ---- Examples of every command
 
-# Command -> pairs of a command line and its explanation. They can be run in this order: later
-# examples read files that earlier ones write.
-EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
-    "list": (
-        ("flightid list", "the scenarios that can be run"),
-        ("flightid list rigid > mine.toml", "the file of a scenario, to copy and edit"),
-    ),
-    "run": (
-        (
-            "flightid run rigid --out study",
-            "simulate, identify, compare with the truth, into a folder",
-        ),
-        (
-            "flightid run mine.toml --seed 3 --set flight.rate=50 --out edited",
-            "an edited copy, with another seed and sampling",
-        ),
-    ),
-    "compare": (("flightid compare study edited", "studies side by side, from their folders"),),
-    "simulate": (
-        (
-            "flightid simulate rigid --seed 3 --out rigid.csv",
-            "a record as a flight test would give it",
-        ),
-        (
-            "flightid simulate trace-vane --out flight.csv",
-            "two records with a hidden effect, and a vehicle file",
-        ),
-    ),
-    "campaign": (
-        ("flightid campaign rigid --runs 100", "bias, scatter and coverage over a hundred seeds"),
-        (
-            "flightid campaign ballistic --runs 20 --out campaign",
-            "the same into a folder, with figures and every run",
-        ),
-    ),
-    "map": (
-        (
-            "flightid map flight.csv",
-            "the content of a recorder's file, and drafts of its channel map and vehicle file",
-        ),
-        ("flightid map flight.csv --out draft", "the drafts as files, to check and complete"),
-    ),
-    "maneuvers": (
-        (
-            "flightid maneuvers flight.csv",
-            "steps, doublets, sweeps, turns and the like in a long record",
-        ),
-        (
-            "flightid maneuvers flight.csv --out found",
-            "the same with a figure of the flight, and maneuvers.toml for --maneuver",
-        ),
-    ),
-    "response": (
-        (
-            "flightid response flight.csv --input elevator --output q --out bode",
-            "the response of the pitch rate to the elevator",
-        ),
-        (
-            "flightid response flight.csv --input elevator --output q --output alpha --band 0.2 2",
-            "two outputs, in a band in Hz",
-        ),
-    ),
-    "identify": (
-        (
-            "flightid identify flight.csv --model rigid --vehicle flight_vehicle.toml --out fit",
-            "parameters of a model from a record",
-        ),
-        (
-            "flightid identify flight.csv --model rigid --vehicle flight_vehicle.toml --validate "
-            "flight_validate.csv --from 1 --to 9",
-            "from a part of the record, and a prediction of another record",
-        ),
-        (
-            "flightid identify flight.csv --model rigid --vehicle flight_vehicle.toml --json > "
-            "fit.json",
-            "the JSON document, for another program",
-        ),
-    ),
-    "diagnose": (
-        (
-            "flightid diagnose flight.csv --model rigid --vehicle flight_vehicle.toml --validate "
-            "flight_validate.csv --out cause",
-            "what the model lacks, and the error before and after on another record",
-        ),
-    ),
-    "design": (
-        (
-            "flightid design --model rigid --vehicle flight_vehicle.toml --out plan",
-            "the maneuver that determines the derivatives best",
-        ),
-        (
-            "flightid design --model rigid --vehicle flight_vehicle.toml --tell "
-            "vane-offset,sensor-lag:alpha --size 'arm=2 m'",
-            "the maneuver that distinguishes a vane ahead of the c.g. from a slow vane",
-        ),
-    ),
-    "predict": (
-        (
-            "flightid predict fit flight_validate.csv",
-            "a record that the study did not use, predicted by its model",
-        ),
-        (
-            "flightid predict cause flight_validate.csv --out prediction",
-            "the same with the claimed effects, into a folder",
-        ),
-    ),
-    "structure": (
-        (
-            "flightid simulate trace-aircraft --out coupled.csv",
-            "records of two flights, and a vehicle file",
-        ),
-        (
-            "flightid structure coupled.csv coupled_validate.csv "
-            "--vehicle coupled_vehicle.toml --out terms",
-            "the terms that two maneuvers support, and a vehicle file of them",
-        ),
-    ),
-    "export": (
-        ("flightid export fit --to python", "the model of a study as a module that needs NumPy"),
-        (
-            "flightid export fit --to fmu --out aircraft.fmu",
-            "for Simulink, OpenModelica and others",
-        ),
-        (
-            "flightid export coupled_vehicle.toml --to jsbsim",
-            "the aircraft of a vehicle file of model aircraft",
-        ),
-    ),
-    "report": (("flightid report study edited", "the pages of study folders, written again"),),
-    "check": (
-        (
-            "flightid check flight.csv --vehicle flight_vehicle.toml",
-            "sensor errors that kinematics alone reveal",
-        ),
-    ),
-    "survey": (
-        ("flightid survey --example > flights.toml", "the file of a survey, to copy and edit"),
-        (
-            "flightid survey flights.toml --out morning",
-            "a diagnosis of each flight and the effects that recur; again after each new flight",
-        ),
-    ),
-    "watch": (
-        (
-            "flightid simulate x29-simulation --out stream.csv",
-            "a record of the closed loop, used as a stream",
-        ),
-        ("flightid watch stream.csv --model loes --until-end --no-refine", "identified row by row"),
-    ),
-    "models": (
-        ("flightid models", "the names of the models"),
-        (
-            "flightid models --example > my_model.py",
-            "the file of a model of one's own, to copy and edit",
-        ),
-        ("flightid models my_model.py", "the content of that file, and checks of the model"),
-    ),
-    "vehicles": (
-        ("flightid vehicles bomber_rigid", "every number with unit and origin"),
-        ("flightid vehicles bomber_ac2 --diff bomber_ac1", "what differs from another vehicle"),
-    ),
-    "lab": (
-        ("flightid lab", "the titles of the labs"),
-        ("flightid lab 1 --key", "the instructor's key of lab 1"),
-    ),
-    "effects": (("flightid effects vane-offset", "one effect, explained"),),
-}
+# Command -> explanation by command line.
+EXAMPLES: Mapping[str, Mapping[str, str]] = tomllib.loads(
+    files("scenarios.cli").joinpath("examples.toml").read_text(encoding="utf-8")
+)
 
 
 def examples_text(command: str) -> str:
     """Return the examples at the end of a command's help; empty if there are none."""
     lines = []
-    for command_line, explanation in EXAMPLES.get(command, ()):
+    for command_line, explanation in EXAMPLES.get(command, {}).items():
         lines += [f"  {command_line}", f"      {explanation}"]
     return "\n".join(["Examples:", *lines]) if lines else ""
 
@@ -472,6 +414,76 @@ def _number_count(kind: object) -> int:
     return sum(counts) if typing.get_origin(kind) is tuple else max(counts, default=0)
 
 
+# ---- Arguments, rewritten for the command-line library
+
+# Command -> options that take every word up to the next option.
+SEVERAL = {"diagnose": ("--validate",), "identify": ("--validate", "--profile")}
+DEFAULT_WORD = {"--profile": "all"}  # value of an option that is given without a word
+FLAGS = ("--no-figures", "--trust-record", "--quiet", "--json")  # options without a word
+TWO_WORDS = ("--band",)  # options of two words
+RECORD_SUFFIXES = (".csv", ".parquet", ".mat", ".tsv", ".txt")  # a word with one is a record
+
+
+def each_validated(arguments: list[str]) -> list[str]:
+    """Return the arguments with ``--validate A B`` as ``--validate A --validate B``.
+
+    ``--validate`` and ``--profile`` take every word up to the next option. If no record to fit
+    remained, ``--validate`` takes one word only. ``--profile`` does not take records; without a
+    word it means all parameters.
+    """
+    several = SEVERAL.get(arguments[0], ()) if arguments else ()
+    if not several:
+        return arguments
+    expanded, fitted = _expanded(arguments, several)
+    if not fitted:
+        several = tuple(option for option in several if option != "--validate")
+        expanded, _ = _expanded(arguments, several)
+    return expanded
+
+
+def _expanded(arguments: list[str], several: Sequence[str]) -> tuple[list[str], int]:
+    """Repeat the options ``several`` before each of their words.
+
+    Returns
+    -------
+    The new arguments, and the number of records to be fitted among them.
+    """
+    expanded, option, taken, fitted = [arguments[0]], "", 0, 0
+    for word in arguments[1:]:
+        if word.startswith("-") and word != "-":
+            expanded += _default_word(option, taken)
+            option, taken = word, 0
+            expanded.append(word)
+            continue
+        is_record = word.lower().endswith(RECORD_SUFFIXES)
+        if option in several and not (option == "--profile" and is_record):
+            expanded += [word] if taken == 0 else [option, word]
+            taken += 1
+            continue
+        if taken >= _word_count(option, several):
+            expanded += _default_word(option, taken)
+            fitted += 1
+            if option in several:
+                option, taken = "", 0
+        else:
+            taken += 1
+        expanded.append(word)
+    expanded += _default_word(option, taken)
+    return expanded, fitted
+
+
+def _word_count(option: str, several: Sequence[str]) -> int:
+    """Return the number of words that follow an option; 0 for ``--option=word``."""
+    if option in ("", *FLAGS, *several) or "=" in option:
+        return 0
+    return 2 if option in TWO_WORDS else 1
+
+
+def _default_word(option: str, taken: int) -> list[str]:
+    """Return the default word of an option that took none; empty if it needs none."""
+    return [DEFAULT_WORD[option]] if option in DEFAULT_WORD and taken == 0 else []
+
+
 # ---- The entry point
 
 # Threads of the linear algebra that NumPy may use. The matrices of this package are small, so one
@@ -514,9 +526,7 @@ def _run(arguments: list[str], debug: bool) -> int:
     except BaseException as error:
         if debug and not isinstance(error, SystemExit):
             raise
-        from scenarios.commands.failures import report
-
-        return report(error)
+        return report_error(error)
     return code if isinstance(code, int) else 0
 
 

@@ -19,7 +19,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any, TextIO, get_type_hints
+from typing import Annotated, Any, TextIO, cast, get_type_hints
 
 import typer
 
@@ -319,12 +319,36 @@ class OutputOptions:
     figures: Formats
     progress: bool
 
+    def finish(self, result: Any, write: Callable[..., Any], show: Callable[..., None]) -> None:
+        """Write a result into the folder, print it, and print where it was written.
+
+        Parameters
+        ----------
+        result : result of the command.
+        write : function of result, folder and ``figures`` that writes the study; it is not called
+            without a folder.
+        show : function of ``details``, the place of further results, that prints the result.
+        """
+        from scenarios.report.summary import details_in
+
+        if self.out is not None:
+            write(result, self.out, figures=self.figures)
+        show(details=details_in(self.out))
+        self.print_place()
+
+    def print_place(self) -> None:
+        """Print where the study was written; nothing without a folder."""
+        from scenarios.report.summary import written_to
+
+        if self.out is not None:
+            print(written_to(self.out))
+
 
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # escape sequences of a terminal
 
 
-class _CopyingStream(io.TextIOBase):
-    """A stream that passes text on and stores a copy."""
+class _CopyingStream:
+    """A stream that passes text on to another stream and stores a copy."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream, self.copy = stream, io.StringIO()
@@ -333,25 +357,8 @@ class _CopyingStream(io.TextIOBase):
         self.copy.write(text)
         return self._stream.write(text)
 
-    def flush(self) -> None:
-        self._stream.flush()
-
-    def isatty(self) -> bool:
-        return self._stream.isatty()
-
-    def fileno(self) -> int:
-        return self._stream.fileno()
-
-    def writable(self) -> bool:
-        return True
-
-    @property
-    def encoding(self) -> str:  # type: ignore[override]
-        return self._stream.encoding
-
-    @property
-    def errors(self) -> str | None:  # type: ignore[override]
-        return self._stream.errors
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
 
 
 @contextlib.contextmanager
@@ -369,7 +376,7 @@ def keeping_text(out: Path | None) -> Iterator[None]:
     path = out / TEXT
     before = _written_file(path)
     stream = _CopyingStream(sys.stdout)
-    with contextlib.redirect_stdout(stream):
+    with contextlib.redirect_stdout(cast(TextIO, stream)):
         yield
     if out.is_dir() and _written_file(path) == before:
         with contextlib.suppress(OSError):  # the study is complete without this file
@@ -433,7 +440,6 @@ def output_options(
 
 
 def _print_json(texts: Sequence[str]) -> None:
-    """Print a JSON document, or several as a list."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         # JSON is UTF-8; a pipe of Windows has another encoding.
         sys.stdout.reconfigure(encoding="utf-8", errors="backslashreplace")

@@ -1,57 +1,44 @@
-"""Options of the commands on simulated studies, libraries, labs and models of studies."""
+"""Commands on simulated studies, maneuver design, pages, libraries and labs."""
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from scenarios.cli import options
 from scenarios.cli.options import (
-    METHOD_WORDS,
     AsJson,
     Changes,
-    Channels,
-    ClockRate,
     Cluster,
-    Columns,
     Duration,
     Figures,
-    From,
     Inputs,
     Jobs,
-    ManeuverFile,
-    Maneuvers,
     Model,
     NoFigures,
     Noise,
     Out,
     Output,
     OwnModel,
-    Preparation,
     Quiet,
-    Records,
     Resume,
     SampleRate,
     Scenario,
     Seed,
-    StudyModel,
     TimeLimit,
-    To,
     TrueValues,
-    Trust,
-    VehicleOption,
-    fixed_words,
     flag,
     scenarios,
     valued,
     with_groups,
 )
-from scenarios.preparation.plan import Request, plan_of, with_maneuvers
-from scenarios.report.figure_formats import formats_of
 from sim.errors import DeclarationError
+
+if TYPE_CHECKING:
+    from scenarios.trials.own_flight import OwnFlight
 
 # ---- flightid run
 
@@ -77,18 +64,69 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Simulate, identify and compare: true, estimated, published."""
-    from scenarios.cli.options import output_options
-    from scenarios.commands.studies import documents_of, run_and_compare, run_scenarios
+    from scenarios.cli.studies import documents_of, run_and_compare, run_scenarios
 
     command = run_and_compare if compare else run_scenarios
-    with output_options(
-        out,
-        formats_of(figures, no_figures),
-        quiet=quiet,
-        as_json=as_json,
-        documents=documents_of(names, compare),
-    ) as target:
+    output = Output(out, figures, no_figures, quiet, as_json)
+    with output.writing(*documents_of(names, compare)) as target:
         command(names, seed, target.out, changes or [], target.figures, progress=target.progress)
+
+
+def scenario_or_own(
+    name: str | None,
+    model: str | None,
+    vehicle: Path | None,
+    inputs: Sequence[str] | None,
+    noise: Sequence[str] | None,
+    hidden: Sequence[str] | None,
+    duration: float | None,
+    rate: float | None,
+) -> str | OwnFlight:
+    """Return the flight to simulate: the name of a scenario, or a flight of a user's model.
+
+    Parameters
+    ----------
+    name : name of a scenario.
+    model : file of a user's model; the other parameters describe its flight.
+
+    Raises
+    ------
+    DeclarationError : name and model are both given or both missing, or an option is given that
+        only ``--model`` takes.
+    """
+    if model is None:
+        given = {
+            "--vehicle": vehicle,
+            "--input": inputs,
+            "--noise": noise,
+            "--hide": hidden,
+            "--duration": duration,
+            "--rate": rate,
+        }
+        if name is None:
+            raise DeclarationError(
+                "nothing is named",
+                where="flightid",
+                remedy="name a scenario (flightid list), or --model FILE.py",
+            )
+        for option, value in given.items():
+            if value is not None:
+                remedy = "change an entry of a scenario with --set, for example flight.rate=50"
+                raise DeclarationError(
+                    "this goes with --model FILE.py", where=option, remedy=remedy
+                )
+        return name
+    if name is not None:
+        raise DeclarationError(
+            f"a scenario is named as well, {name!r}",
+            where="--model",
+            remedy="leave one of the two out",
+        )
+    from scenarios.trials.own_flight import OwnFlight
+
+    return OwnFlight(
+        model, vehicle, tuple(inputs or ()), tuple(noise or ()), tuple(hidden or ()), duration, rate
+    )
 
 
 # ---- flightid simulate
@@ -115,13 +153,11 @@ def simulate(
     ] = False,
 ) -> None:
     """The record of a scenario alone, or of a flight of a model of your own."""
-    from scenarios.cli.options import output_options
-    from scenarios.commands.failures import scenario_or_own
-    from scenarios.commands.studies import files_text
-    from scenarios.commands.studies import simulate as write_records
+    from scenarios.cli.studies import files_text
+    from scenarios.cli.studies import simulate as write_records
 
     flight = scenario_or_own(name, model, vehicle, inputs, noise, hidden, duration, rate)
-    with output_options(None, (), quiet=quiet or as_json, as_json=False):
+    with Output(no_figures=True, quiet=quiet or as_json).writing():
         files = write_records(flight, out, seed, changes or [])
     if as_json:
         print(files_text(files))
@@ -161,9 +197,7 @@ def campaign(
     as_json: AsJson = False,
 ) -> None:
     """Monte Carlo: bias, scatter against reported sigma, coverage."""
-    from scenarios.cli.options import output_options
-    from scenarios.commands.failures import scenario_or_own
-    from scenarios.commands.studies import own_campaign, refuse_method, run_campaign
+    from scenarios.cli.studies import run_campaign
     from scenarios.tasks.study import Execution
 
     flight = scenario_or_own(name, model, vehicle, inputs, noise, None, duration, rate)
@@ -171,23 +205,19 @@ def campaign(
         raise DeclarationError(
             "no number of runs is given", where="--runs", remedy="give two or more"
         )
-    formats, documents = formats_of(figures, no_figures), ["campaign.json"]
-    with output_options(out, formats, quiet=quiet, as_json=as_json, documents=documents) as target:
-        run = partial(
-            run_campaign if isinstance(flight, str) else own_campaign,
-            runs=runs,
-            seed=seed,
-            execution=Execution(jobs, target.out, resume, cluster, time_limit),
-            changes=changes or [],
-            figures=target.figures,
+    output = Output(out, figures, no_figures, quiet, as_json)
+    with output.writing("campaign.json") as target:
+        run_campaign(
+            flight,
+            runs,
+            seed,
+            Execution(jobs, target.out, resume, cluster, time_limit),
+            changes or [],
+            method,
+            target.figures,
             levels=noise_levels,
             progress=target.progress,
         )
-        if isinstance(flight, str):
-            run(flight, method=method)
-        else:
-            refuse_method(method)
-            run(flight)
 
 
 # ---- flightid compare
@@ -214,16 +244,10 @@ def compare(
     """Studies side by side: estimates, errors, published values and responses, from their folders
     alone.
     """
-    from scenarios.cli.options import output_options
-    from scenarios.commands.studies import compare_studies
+    from scenarios.cli.studies import compare_studies
 
-    with output_options(
-        out,
-        formats_of(figures, no_figures),
-        quiet=quiet,
-        as_json=as_json,
-        documents=["compared.json"],
-    ) as target:
+    output = Output(out, figures, no_figures, quiet, as_json)
+    with output.writing("compared.json") as target:
         compare_studies(studies, target.out, every, target.figures)
 
 
@@ -279,8 +303,10 @@ DesignComputer = Annotated[
 ]
 
 
+@with_groups
 def design(
     model: Model,
+    *,
     vehicle: DesignVehicle = None,
     limits: DesignLimits = None,
     tell: DesignTell = "",
@@ -292,16 +318,14 @@ def design(
     rate: DesignRate = None,
     band: DesignBand = None,
     computer: DesignComputer = False,
-    out: Out = None,
-    figures: Figures = None,
-    no_figures: NoFigures = False,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    output: Output,
 ) -> None:
     """Before flying: which maneuver determines the derivatives best, or tells effects apart."""
-    from scenarios.cli.options import output_options
-    from scenarios.commands.studies import design_maneuver
+    from scenarios.maneuver_design.design import design as design_maneuver
+    from scenarios.maneuver_design.report import design_text, write_design
     from scenarios.maneuver_design.setting import DesignRequest
+    from scenarios.report.summary import details_in, terminal_width
+    from scenarios.report.terminal import progress_bar
 
     names = tuple(name.strip() for name in tell.split(",") if name.strip())
     request = DesignRequest(
@@ -318,14 +342,13 @@ def design(
         band,
         computer,
     )
-    with output_options(
-        out,
-        formats_of(figures, no_figures),
-        quiet=quiet,
-        as_json=as_json,
-        documents=["design.json"],
-    ) as target:
-        design_maneuver(request, target.out, target.figures, progress=target.progress)
+    with output.writing("design.json") as target:
+        with progress_bar(target.progress) as show_progress:
+            result = design_maneuver(request, show_progress)
+            if target.out is not None:
+                write_design(result, target.out, figures=target.figures)
+        print(design_text(result, terminal_width(), details_in(target.out)), end="")
+        target.print_place()
 
 
 # ---- flightid report
@@ -343,9 +366,14 @@ def report(
     ] = False,
 ) -> None:
     """The page of a study again, from its folder, without computing anything; its tables, a PDF."""
-    from scenarios.commands.studies import rebuild_pages
+    from scenarios.report.folder import rebuilt, stored_page, write_pdf, write_tables
 
-    rebuild_pages(folders, tables=tables, pdf=pdf)
+    for folder in folders:
+        print(f"written to {rebuilt(folder)}")
+        if tables:
+            print(f"tables: {', '.join(map(str, write_tables(stored_page(folder), folder)))}")
+        if pdf:
+            print(f"PDF: {write_pdf(folder)}")
 
 
 # ---- flightid list, effects, models and vehicles
@@ -362,12 +390,15 @@ def list_(
     ] = None,
 ) -> None:
     """Scenarios, one line each; with a name, that scenario's file."""
-    from scenarios.commands.libraries import list_scenarios, show_scenario
+    from scenarios.studies.catalogue import scenario_names, scenario_text, scenario_title
 
-    if name is None:
-        list_scenarios()
-    else:
-        show_scenario(name)
+    if name is not None:
+        print(scenario_text(name), end="")  # unchanged, for ``flightid list rigid > mine.toml``
+        return
+    names = scenario_names()
+    width = max(map(len, names))
+    for each in names:
+        print(f"{each:{width}}  {scenario_title(each)}")
 
 
 def effects(
@@ -379,7 +410,7 @@ def effects(
     ] = None,
 ) -> None:
     """The library of effects."""
-    from scenarios.commands.libraries import show_effects
+    from scenarios.cli.libraries import show_effects
 
     show_effects(name)
 
@@ -398,7 +429,7 @@ def models(
     ] = False,
 ) -> None:
     """The models: states, inputs, outputs, parameters, and the effects that may act on them."""
-    from scenarios.commands.libraries import show_example, show_models
+    from scenarios.cli.libraries import show_example, show_models
 
     if example:
         show_example(name)
@@ -419,7 +450,7 @@ def vehicles(
     ] = None,
 ) -> None:
     """The library of vehicles, every number with unit and origin."""
-    from scenarios.commands.libraries import show_vehicles
+    from scenarios.cli.libraries import show_vehicles
 
     show_vehicles(name, other)
 
@@ -446,7 +477,7 @@ def lab(
     browser: Annotated[bool, flag("--browser/--no-browser", "Open it in a browser.")] = True,
 ) -> None:
     """A teaching notebook, opened in a browser."""
-    from scenarios.commands.libraries import copy_lab, list_labs, open_lab, show_key
+    from scenarios.cli.libraries import copy_lab, list_labs, open_lab, show_key
 
     if number is None:
         list_labs()
@@ -456,140 +487,3 @@ def lab(
         copy_lab(number, copy)
     else:
         raise SystemExit(open_lab(number, edit, port, browser, copy))
-
-
-# ---- flightid structure
-
-
-@with_groups
-def structure(
-    records: Records,
-    *,
-    vehicle: VehicleOption = None,
-    validate: Annotated[
-        list[Path] | None,
-        valued("--validate", "RECORD...", "Predict the coefficients of these records."),
-    ] = None,
-    preparation: Preparation,
-    method: Annotated[
-        str,
-        valued(
-            "--method",
-            "METHOD",
-            "stepwise regression, or orthogonal functions.",
-            complete=fixed_words(*METHOD_WORDS),
-        ),
-    ] = "stepwise",
-    degree: Annotated[int, valued("--degree", "N", "Degree of the products of signals.")] = 2,
-    splines: Annotated[int, valued("--splines", "N", "Offer splines with N knots in alpha.")] = 0,
-    terms: Annotated[
-        Path | None, valued("--terms", "FILE", "The terms offered, by coefficient.")
-    ] = None,
-    baseline: Annotated[
-        bool, flag("--baseline", "Find increments to the terms of the vehicle file.")
-    ] = False,
-    hierarchical: Annotated[
-        bool, flag("--hierarchical", "Offer a product after the linear terms of its symmetry.")
-    ] = False,
-    bandwidth: Annotated[float, valued("--bandwidth", "HZ", "For angular accelerations.")] = 3.0,
-    output: Output,
-) -> None:
-    """Terms of the aerodynamic coefficients that the records support, and a vehicle file of them.
-
-    Stepwise regression or orthogonal functions. Collinear terms are named with the maneuver that
-    would separate them.
-    """
-    from scenarios.commands.records import find_structure
-    from scenarios.structure.study import StructureOptions
-
-    plan = preparation.plan(records)
-    request = Request(
-        tuple(records),
-        vehicle=vehicle,
-        validate=tuple(validate or ()),
-        channels=preparation.channels,
-        plan=plan,
-    )
-    options = StructureOptions(method, bandwidth, degree, splines, terms, baseline, hierarchical)
-    with output.writing("structure.json") as target:
-        find_structure(request, options, target.out, target.figures)
-
-
-# ---- flightid predict
-
-
-@with_groups
-def predict(
-    study: Annotated[
-        Path,
-        typer.Argument(
-            metavar="STUDY", help="Folder that identify, diagnose or a run of trace-* wrote."
-        ),
-    ],
-    record: Annotated[
-        Path,
-        typer.Argument(metavar="RECORD", help="Record of the same vehicle, from any recorder."),
-    ],
-    *,
-    channels: Channels = None,
-    columns: Columns = None,
-    start: From = None,
-    stop: To = None,
-    maneuver: Maneuvers = None,
-    maneuvers: ManeuverFile = None,
-    rate: ClockRate = None,
-    trust: Trust = False,
-    model: StudyModel = None,
-    effects: Annotated[
-        Path | None, valued("--effects", "FILE", "The study's own effects, which are run.")
-    ] = None,
-    tolerances: Annotated[
-        str | None,
-        valued(
-            "--tolerances",
-            "TEST,...",
-            "Pass or fail in tests of simulator qualification, or in those of FILE.toml.",
-        ),
-    ] = None,
-    output: Output,
-) -> None:
-    """Prediction of another record by the model of a study, with fixed parameters."""
-    from scenarios.commands.failures import one_segment
-    from scenarios.commands.records import predict_with_study
-    from scenarios.prediction import PredictionRequest
-
-    plan = plan_of(start, stop, rate=rate, trusted=trust, columns=columns)
-    plan = one_segment(with_maneuvers(plan, [record], maneuver, maneuvers))
-    request = PredictionRequest(study, record, channels, plan, model, effects, tolerances)
-    with output.writing("prediction.json") as target:
-        predict_with_study(request, target.out, target.figures)
-
-
-# ---- flightid export
-
-
-def export(
-    study: Annotated[
-        Path,
-        typer.Argument(
-            metavar="STUDY",
-            help="Folder of identify, diagnose or structure, or a vehicle file of model aircraft.",
-        ),
-    ],
-    to: Annotated[
-        str, valued("--to", "TARGET", options.TO_HELP, complete=fixed_words(*options.TARGETS))
-    ],
-    out: Annotated[
-        Path | None,
-        valued("--out", "FILE", "The file; else one named after the vehicle, in this folder."),
-    ] = None,
-    model: StudyModel = None,
-) -> None:
-    """The model of a study for another program: Python module, FMU, JSBSim or DAVE-ML file.
-
-    Units are SI and radians. The file has the estimated values and the initial states of the first
-    record. jsbsim and dave-ml take only the model aircraft, python and fmu take any model.
-    """
-    from scenarios.commands.records import export_model
-
-    export_model(study, to, out, model)

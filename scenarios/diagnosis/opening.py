@@ -22,7 +22,12 @@ from ident.tracing.diagnosis import (
     TraceSettings,
     Verdict,
 )
-from scenarios.files.declarations import CHANNEL_UNITS, WANTED, run_python
+from scenarios.files.declarations import (
+    CHANNEL_UNITS,
+    WANTED,
+    refuse_unknown_attributes,
+    run_python,
+)
 from scenarios.files.measured.columns import RecordFile, identities, path_of, read_with_validation
 from scenarios.files.sources import InputFile, Source, read_source
 from scenarios.files.user_models import (
@@ -122,7 +127,8 @@ def read_effects(source: str | Path | Source, model: Model) -> tuple[Traceable, 
     Raises
     ------
     DeclarationError : the file does not exist, fails (with its line) or has no effects; an effect
-        lacks an attribute or has the name of a library effect; no effect can act on the model.
+        lacks an attribute, has an unknown one or the name of a library effect; no effect can act
+        on the model.
     """
     source = source if isinstance(source, Source) else read_source(source, DeclarationError, WANTED)
     where = str(source.path)
@@ -134,19 +140,22 @@ def read_effects(source: str | Path | Source, model: Model) -> tuple[Traceable, 
             where=where,
             remedy="define EFFECTS, a tuple of effects, at its top level",
         )
-    return checked_effects(effects, model, where)
+    return checked_effects(effects, model, where, source.content)
 
 
-def checked_effects(effects: Sequence[Any], model: Model, where: str) -> tuple[Traceable, ...]:
+def checked_effects(
+    effects: Sequence[Any], model: Model, where: str, content: bytes | None = None
+) -> tuple[Traceable, ...]:
     """Return a user's effects that can act on a model; raise DeclarationError as ``read_effects``.
 
-    ``where`` names the file or argument of the effects in messages.
+    ``where`` names the file or argument of the effects in messages, ``content`` is the file's text.
     """
     from sim.effects.library import applies, library
 
     library_names = {effect.name for effect in library()}
     for effect in effects:
         _check(effect, where)
+        refuse_unknown_attributes(effect, content, where)
         if effect.name in library_names:
             raise DeclarationError(
                 f"effect {effect.name}: the library has one of this name",

@@ -327,7 +327,6 @@ def _aircraft_of(vehicle: Mapping[str, Any], terms: Mapping[str, Any], stem: str
 
 
 def _thrust(table: Mapping[str, Any], stem: str) -> Thrust:
-    """Return the propulsion of the table ``[thrust]``."""
     where = f"{stem}, key thrust"
     thrust_input = table["input"]
     if thrust_input == "none":
@@ -410,7 +409,6 @@ def vehicle_file_text(aircraft: Aircraft, sigmas: Mapping[str, float] | None = N
 
 
 def _floats(table: Mapping[str, Any]) -> dict[str, float]:
-    """Return a table with its values as floats."""
     return {name: float(value) for name, value in table.items()}
 
 
@@ -530,7 +528,7 @@ def toml_text(content: Mapping[str, Any]) -> str:
     DeclarationError : for a value that TOML does not have.
     """
     plain_lines = [
-        f"{_key(key)} = {toml_value(value, key)}"
+        f"{toml_key(key)} = {toml_value(value, key)}"
         for key, value in content.items()
         if not _is_table(value)
     ]
@@ -538,16 +536,16 @@ def toml_text(content: Mapping[str, Any]) -> str:
     for key, value in content.items():
         if isinstance(value, Mapping):
             entries = [
-                f"{_key(name)} = {toml_value(entry, f'{key}.{name}')}"
+                f"{toml_key(name)} = {toml_value(entry, f'{key}.{name}')}"
                 for name, entry in value.items()
             ]
-            blocks.append("\n".join([f"[{_key(key)}]", *entries]))
+            blocks.append("\n".join([f"[{toml_key(key)}]", *entries]))
         elif _is_table(value):
             for table in value:
                 entries = [
-                    f"{_key(name)} = {toml_value(entry, name)}" for name, entry in table.items()
+                    f"{toml_key(name)} = {toml_value(entry, name)}" for name, entry in table.items()
                 ]
-                blocks.append("\n".join([f"[[{_key(key)}]]", *entries]))
+                blocks.append("\n".join([f"[[{toml_key(key)}]]", *entries]))
     return "\n\n".join(block for block in blocks if block) + "\n"
 
 
@@ -560,11 +558,11 @@ def _is_table(value: Any) -> bool:
     )
 
 
-def _key(key: Any) -> str:
+def toml_key(key: Any) -> str:
     """Return a key in TOML, in quotes if it needs them."""
     text = str(key)
     is_bare = text.isascii() and text.replace("_", "").replace("-", "").isalnum()
-    return text if is_bare else _quoted(text)
+    return text if is_bare else toml_string(text)
 
 
 def toml_value(value: Any, key: Any) -> str:
@@ -572,9 +570,9 @@ def toml_value(value: Any, key: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return _quoted(value)
+        return toml_string(value)
     if isinstance(value, Mapping):
-        entries = [f"{_key(name)} = {toml_value(entry, name)}" for name, entry in value.items()]
+        entries = [f"{toml_key(name)} = {toml_value(entry, name)}" for name, entry in value.items()]
         return "{" + ", ".join(entries) + "}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(toml_value(element, key) for element in value) + "]"
@@ -591,6 +589,6 @@ def toml_value(value: Any, key: Any) -> str:
     return repr(number)  # Python and TOML have the same form of numbers, also of inf and nan
 
 
-def _quoted(text: str) -> str:
+def toml_string(text: str) -> str:
     """Return a text as a basic string of TOML, which is a string of JSON with DEL escaped too."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -6,12 +6,13 @@ channels that a record may have.
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import difflib
 import importlib.util
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType, ModuleType
@@ -128,6 +129,18 @@ def closest(word: str, allowed: Iterable[str]) -> str:
     return f"use one of {', '.join(choices)}"
 
 
+def refuse_unknown(
+    kind: str,
+    name: str,
+    known: Collection[str],
+    where: str,
+    error: type[FlightidError] = DeclarationError,
+) -> None:
+    """Raise an ``error`` for a name that is not one of the ``known`` names of a ``kind``."""
+    if name not in known:
+        raise error(f"there is no {kind} {name!r}", where=where, remedy=closest(str(name), known))
+
+
 def shortened_list(words: Sequence[str], most: int) -> str:
     """Return the first ``most`` words, separated by commas, and ``...`` in place of the others."""
     return ", ".join(words[:most]) + (", ..." if len(words) > most else "")
@@ -212,7 +225,6 @@ def _shown(value: object) -> str:
 
 
 def _keys(schema: type[BaseModel] | None) -> list[str]:
-    """Return the keys of a schema in files."""
     if schema is None:
         return []
     return [field.alias or name for name, field in schema.model_fields.items()]
@@ -280,8 +292,11 @@ def run_python(source: Source, kind: str) -> ModuleType:
             text = error.msg
             if error.lineno:
                 line = f", line {error.lineno}"
-        what = " ".join(f"{type(error).__name__}: {text}".split())
-        raise DeclarationError(what, where=f"{where}{line}", remedy="mend that line") from None
+        what, remedy = " ".join(f"{type(error).__name__}: {text}".split()), "mend that line"
+        if isinstance(error, AttributeError) and isinstance(error.obj, type | ModuleType):
+            what = f"{error.obj.__name__} has no attribute {error.name!r}"
+            remedy = present_name(str(error.name), dir(error.obj)) or remedy
+        raise DeclarationError(what, where=f"{where}{line}", remedy=remedy) from None
     finally:
         sys.modules.pop(name, None)
     return module
@@ -295,6 +310,76 @@ def _line(error: BaseException, path: Path) -> str:
             line = f", line {trace.tb_lineno}"
         trace = trace.tb_next
     return line
+
+
+# Names that files written for version 0.2.0 use -> names in their place.
+PRESENT_NAMES = {"rank": "path_order", "UNDEFINED": "UNIDENTIFIED_AT_ABSENCE"}
+# Attributes of effects that no protocol declares: of single functions, and of the older form.
+_FURTHER_ATTRIBUTES = (
+    *("attitude_recorded", "commutes", "control", "label", "rename", "shared", "unit"),
+    *("onset", "per_record", "plausible", "sentence"),
+)
+
+
+def present_name(name: str, known: Iterable[str]) -> str:
+    """Return a remedy that gives the known name meant by an unknown one; empty if none is near."""
+    names = {word for word in known if not word.startswith("_")}
+    if PRESENT_NAMES.get(name) in names:
+        return f"its present name is {PRESENT_NAMES[name]!r}"
+    near = difflib.get_close_matches(name, names, n=1)
+    return f"did you mean {near[0]!r}?" if near else ""
+
+
+def refuse_unknown_attributes(effect: object, content: bytes | None, where: str) -> None:
+    """Raise DeclarationError for an attribute of a user's effect that nothing reads.
+
+    An attribute is known if a protocol of effects has it, if a class of this program declares it,
+    or if the user's own file reads it.
+
+    Parameters
+    ----------
+    effect : an object with a ``name``.
+    content : the user's file; None for an effect without a file, of which only attributes in
+        ``PRESENT_NAMES`` are refused.
+    where : name of the file in the message.
+    """
+    from sim.declaration import effect as effects
+    from sim.declaration import proposal
+
+    classes = [kind for kind in type(effect).__mro__ if kind is not object]
+    ours = [kind for kind in classes if kind.__module__.partition(".")[0] == "sim"]
+    protocols = [
+        kind
+        for module in (effects, proposal)
+        for kind in vars(module).values()
+        if getattr(kind, "_is_protocol", False)
+    ]
+    known = {
+        *(name for kind in (*ours, *protocols) for name in dir(kind)),
+        *(name for kind in ours for name in vars(kind).get("__annotations__", ())),
+        *_FURTHER_ATTRIBUTES,
+    }
+    nodes = [*ast.walk(ast.parse(content))] if content is not None else []
+    read = {
+        *(node.attr for node in nodes if isinstance(node, ast.Attribute)),
+        *(n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)),
+        *(node.value for node in nodes if isinstance(node, ast.Constant)),
+    }
+    declared = dict.fromkeys(
+        name
+        for table in (*map(vars, classes), getattr(effect, "__dict__", {}))
+        for name in table
+        if not name.startswith("_")
+    )
+    for name in declared:
+        former = PRESENT_NAMES.get(name)
+        unknown = name not in known | read if content is not None else former is not None
+        if unknown or (former is not None and not hasattr(effect, former)):
+            raise DeclarationError(
+                f"effect {getattr(effect, 'name', '')}: unknown attribute {name!r}",
+                where=where,
+                remedy=present_name(name, known) or "leave it out, nothing reads it",
+            )
 
 
 # ---- Channels and channel maps

@@ -527,7 +527,6 @@ def _channel_in_si(table: CellTable, column: SourceColumn, values: np.ndarray) -
 
 
 def _row_of(window: Window, sample: int) -> int:
-    """Return the row of the table that holds a sample of the window."""
     return window.rows.start + (sample if window.order is None else int(window.order[sample]))
 
 
@@ -588,7 +587,6 @@ def _row_remedy(table: CellTable, position: int) -> str:
 
 
 def _cell(table: CellTable, column: SourceColumn, position: int) -> str:
-    """Return the place of a cell in the words of messages."""
     return f"{table.file}, row {table.rows[position]}, column {column.header!r}"
 
 

@@ -216,7 +216,6 @@ def number_of(target: str, gt: float | None = None, ge: float | None = None) -> 
 
 
 def _required_fields(types: Mapping[str, Any]) -> dict[str, Any]:
-    """Return required fields of pydantic from their types."""
     return {name: (field_type, ...) for name, field_type in types.items()}
 
 
@@ -252,10 +251,6 @@ _LOES_STARTS = table_of(
             "L_delta": number_of("1/s"),
             "M_delta": number_of("1/s2"),
             "L_q": _PURE_NUMBER,
-        }
-    ),
-    **_required_fields(
-        {
             "M_q": number_of("1/s"),
             "inv_tau": number_of("1/s", gt=0.0),
             "delay": number_of("s", ge=0.0),
@@ -303,22 +298,15 @@ def _whole_axes(model: str) -> type[BaseModel]:
     )
 
 
+_RIGID: dict[str, Any] = {
+    "name": _NAME,
+    **_AIRFRAME,
+    **_FLYING_QUALITIES,
+    "derivatives": (_RIGID_STARTS, ...),
+}
 SCHEMAS: Mapping[str, type[BaseModel]] = {
-    "rigid": table_of(
-        "RigidVehicle",
-        name=_NAME,
-        **_AIRFRAME,
-        **_FLYING_QUALITIES,
-        derivatives=(_RIGID_STARTS, ...),
-    ),
-    "flexible": table_of(
-        "FlexibleVehicle",
-        name=_NAME,
-        **_AIRFRAME,
-        **_FLYING_QUALITIES,
-        derivatives=(_RIGID_STARTS, ...),
-        modes=(list[dict[str, Any]], ...),
-    ),
+    "rigid": table_of("RigidVehicle", **_RIGID),
+    "flexible": table_of("FlexibleVehicle", **_RIGID, modes=(list[dict[str, Any]], ...)),
     "loes": table_of(
         "LoesVehicle",
         name=_NAME,
@@ -455,7 +443,6 @@ FOLDER_NAME = r"^[A-Za-z0-9][A-Za-z0-9._+-]*$"  # name of a flight and of the fo
 
 
 def _date_text(value: object) -> object:
-    """Return a date of TOML as a text."""
     return value.isoformat() if isinstance(value, datetime.date | datetime.datetime) else value
 
 

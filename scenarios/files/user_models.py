@@ -329,7 +329,6 @@ def _refuse_unknown(name: Any, units: Mapping[str, str], where: str) -> None:
 
 
 def _refuse_second_entry(name: str, starts: ChainMap[str, Any], where: str) -> None:
-    """Refuse a name that the file declares in two tables."""
     if any(name in table for table in starts.maps[:-1]):
         raise DeclarationError(
             f"given twice, also under {STARTS}", where=where, remedy="keep one of the two"

@@ -9,11 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from scenarios.files.aircraft_files import (
-    model_of_file,
-    read_model_file,
-    vehicle_source,
-)
+from scenarios.files.aircraft_files import model_of_file, read_model_file, vehicle_source
 from scenarios.files.declarations import checked, closest, toml_of
 from scenarios.files.measured.columns import RecordFile, path_of
 from scenarios.files.sources import InputFile, Source
@@ -211,24 +207,38 @@ def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
         from scenarios.files.schemas import FLYING_QUALITIES
 
         levels = checked(FLYING_QUALITIES, of_levels, source.path).model_dump()
+    return _vehicle_of_model(name, model, constraints, source, own.identity, levels)
+
+
+def _vehicle_of_model(
+    name: str,
+    model: Model,
+    constraints: Constraints,
+    source: Source | None,
+    own_file: InputFile,
+    levels: Mapping[str, Any],
+) -> VehicleFile:
+    """Return the vehicle of a user's model or an aircraft, whose values are those of ``model``.
+
+    ``source`` is the vehicle file, ``own_file`` the file of the model, ``levels`` the keys of
+    flying qualities.
+    """
     constants, starts = (
         {item.name: item.value for item in model.parameters if item.free is free}
         for free in (False, True)
     )
-    identity = own.identity if source is None else source.identity
-    text = source.content.decode("utf-8-sig") if source is not None else ""
     vehicle = VehicleFile(
         name,
         model.name,
         constants,
         starts,
         (),
-        identity,
+        own_file if source is None else source.identity,
         model,
-        own.identity,
+        own_file,
         **levels,
         constraints=constraints,
-        text=text,
+        text=source.content.decode("utf-8-sig") if source is not None else "",
     )
     return vehicle if source is None else _with_uncertainty(vehicle, source)
 
@@ -250,23 +260,7 @@ def with_plain_terms(source: Source) -> Source:
 def aircraft_vehicle(source: Source) -> VehicleFile:
     """Read a file of the model ``aircraft``. Raises DeclarationError as ``vehicle_of``."""
     name, model, constraints = model_of_file(source)
-    constants, starts = (
-        {item.name: item.value for item in model.parameters if item.free is free}
-        for free in (False, True)
-    )
-    vehicle = VehicleFile(
-        name,
-        model.name,
-        constants,
-        starts,
-        (),
-        source.identity,
-        model,
-        source.identity,
-        constraints=constraints,
-        text=source.content.decode("utf-8-sig"),
-    )
-    return _with_uncertainty(vehicle, source)
+    return _vehicle_of_model(name, model, constraints, source, source.identity, {})
 
 
 def _with_uncertainty(vehicle: VehicleFile, source: Source) -> VehicleFile:

@@ -365,17 +365,14 @@ def _refuse_files_of_others(scratch: Path, named: Path) -> None:
             and path not in ours
             and (path.suffix == ".json" or not ours)
         ):
-            what = (
-                "it stands where a file that goes with the record has to go, and flightid did not "
-                "write it"
-            )
             raise FlightidError(
-                what, where=str(path), remedy="move it away, or name another record file"
+                "a file of this name exists, and flightid did not write it",
+                where=str(path),
+                remedy="move it away, or name another record file",
             )
 
 
 def _is_ours(path: Path) -> bool:
-    """Return whether a JSON file has a schema of flightid."""
     content = json_or_none(path)
     return isinstance(content, dict) and str(content.get("schema", "")).startswith("flightid/")
 
@@ -432,7 +429,7 @@ def _move_into_folder(scratch: Path, target: Path, main: str, created: list[Path
     for name in written:
         if (target / name).is_dir():
             raise FlightidError(
-                "a folder stands where a file has to go",
+                "there is a folder with the name of a file of the study",
                 where=str(target / name),
                 remedy="move it away, or name another folder",
             )
@@ -483,7 +480,6 @@ def _create(folder: Path, created: list[Path]) -> None:
 
 
 def _remove_created(created: list[Path]) -> None:
-    """Remove the created folders that are empty."""
     for folder in reversed(created):
         with contextlib.suppress(OSError):
             folder.rmdir()

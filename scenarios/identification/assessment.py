@@ -33,7 +33,7 @@ from scenarios.preparation.recording import (
     repeated_without_outliers,
 )
 from scenarios.report.document import BY_ROW, SIGMAS, Column, Table, estimate, formatted, table
-from scenarios.studies.published import Row
+from scenarios.studies.declaration import Row
 from sim.declaration.model import Model, System
 from sim.errors import DeclarationError
 from sim.record import Hold, Record

@@ -26,11 +26,11 @@ from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.assessment import IdentificationResult
 from scenarios.identification.conditions import METHOD
 from scenarios.identification.methods import forced
-from scenarios.preparation.declared_model import model_of_file
+from scenarios.preparation.declared_model import LIFT_OUTPUTS, NO_LIFT, model_of_file
 from scenarios.preparation.plan import Request, command_on_records
 from scenarios.report.quantities import number_text, shown_in, spaced
 from scenarios.report.summary import NEXT, residual_phrase
-from scenarios.studies.published import Row
+from scenarios.studies.declaration import Row
 from sim.declaration.model import System
 from sim.errors import DeclarationError
 from sim.record import Record
@@ -46,12 +46,6 @@ NOTABLE_WIDENING = 1.25
 # By how much corrected sigmas may be too small: docs/estimators.md, Coverage.
 REMAINING_SHORTFALL = "10 % (in gusts 30 %)"
 CAUSES = "the model lacks something, a channel has a wrong sign or unit, or the file is wrong"
-# Outputs that show the lift. A short period needs one of them beside q.
-LIFT_OUTPUTS = frozenset(("alpha", "nz", "az"))
-NO_LIFT = (
-    "q alone does not tell the lift from the moment, whatever is flown: alpha, nz or az is needed; "
-    "without a vane map az from the accelerometer of the IMU"
-)
 
 
 def advice(model: str, estimate: Estimate) -> str:

@@ -99,8 +99,8 @@ from scenarios.preparation.recording import (
     with_outliers,
     without,
 )
+from scenarios.studies.declaration import rows_of
 from scenarios.studies.estimating import FIT_STEP
-from scenarios.studies.published import rows_of
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, System, Tie
 from sim.effects.disturbance.airspeed import ATTITUDE, SPEED

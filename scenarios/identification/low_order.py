@@ -32,8 +32,8 @@ from scenarios.identification.assessment import (
 from scenarios.identification.cautions import cautions_of
 from scenarios.preparation.declared_model import model_of_file
 from scenarios.studies.comparison import bank_content
+from scenarios.studies.declaration import rows_of
 from scenarios.studies.estimating import FIT_STEP
-from scenarios.studies.published import rows_of
 from sim.closed_loop.airframe import load_x29
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise, System

@@ -85,7 +85,7 @@ from scenarios.report.terminal import (
     tests_table,
 )
 from scenarios.stored_study import IDENTIFY, StoredModel, StoredReading
-from scenarios.studies.published import Row
+from scenarios.studies.declaration import Row
 from sim.record import extent
 
 # ---- Additional content of comparison.json

@@ -31,6 +31,12 @@ from sim.vehicles.factory import MODE_CONSTANTS, model_from_constants
 
 # ---- From a user's vehicle file to the model it declares
 
+# Outputs that show the lift. A short period needs one of them beside q.
+LIFT_OUTPUTS = frozenset(("alpha", "nz", "az"))
+NO_LIFT = (
+    "q alone does not tell the lift from the moment, whatever is flown: alpha, nz or az is needed; "
+    "without a vane map az from the accelerometer of the IMU"
+)
 # Constants of an elastic mode: key in a vehicle file -> name in the equations.
 MODE_NAMES = {"frequency": "omega", "damping": "zeta", "generalized_mass": "generalized_mass"}
 INTEGRATOR_ROOT = 1e-9  # rad/s; a smaller root is an integrator

@@ -1,4 +1,4 @@
-"""Drafts of a channel map and of a vehicle file as TOML.
+"""Drafts of a channel map and of a vehicle file as TOML, printed or written by ``flightid map``.
 
 A channel map has a line for each channel, and comments on missing channels and unused columns. A
 vehicle file has the numbers that the record shows; other numbers are comments.
@@ -6,20 +6,32 @@ vehicle file has the numbers that the record shows; other numbers are comments.
 
 from __future__ import annotations
 
-import json
 import textwrap
+import tomllib
+from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 
+from scenarios.files.aircraft_files import toml_string
+from scenarios.files.declarations import CHANNEL_UNITS
 from scenarios.files.formats.cells import numbers
-from scenarios.files.measured.columns import RecordFile
+from scenarios.files.measured.columns import RecordFile, read_record_file, with_names
+from scenarios.files.writing import unwritable, write_text
+from scenarios.preparation.declared_model import LIFT_OUTPUTS, NO_LIFT
 from scenarios.preparation.drafting import (
     COMMANDS,
     SERVO_PULSES,
     SURFACES,
     Draft,
+    drafted,
+    named_only,
     topics_of,
 )
+from scenarios.preparation.plan import plan_of
+from scenarios.report.quantities import Shown, console, shown_in, unit_cell
+from scenarios.report.summary import TableColumn, print_paragraph, table_lines, terminal_width
+from sim.errors import DeclarationError, RecordError
 
 COMMENT_WIDTH = 100  # characters of a comment line
 SERVO_ORDER = {"aileron": 0, "elevator": 1, "rudder": 3}  # usual number of a surface's servo output
@@ -39,12 +51,12 @@ def map_text(draft: Draft) -> str:
     ]
     for guess in draft.guesses:
         choice = guess.choice
-        column = choice.column if isinstance(choice.column, int) else quoted(choice.column)
+        column = choice.column if isinstance(choice.column, int) else toml_string(choice.column)
         entry = str(column)
         if guess.command and not guess.fault:
-            entry = f'{{column = {quoted(f"THROW * {choice.column}")}, unit = "deg"}}'
+            entry = f'{{column = {toml_string(f"THROW * {choice.column}")}, unit = "deg"}}'
         elif choice.unit is not None:
-            entry = f"{{column = {column}, unit = {quoted(choice.unit)}}}"
+            entry = f"{{column = {column}, unit = {toml_string(choice.unit)}}}"
         reason = f"left out: {guess.fault}" if guess.fault else guess.reason
         comment_mark = "# " if guess.fault or guess.command else ""
         lines.append(f"{comment_mark}{guess.channel} = {entry}  # {reason}")
@@ -129,11 +141,6 @@ def _sweep_comments(file: RecordFile) -> list[str]:
     return []
 
 
-def quoted(text: str) -> str:
-    """Return a text as a TOML string."""
-    return json.dumps(text, ensure_ascii=False)
-
-
 # ---- Drafts of vehicle files
 
 ORIGIN_OF_INERTIA = ": swing test, CAD, or mass * (share of the length)^2 (docs, your recorder)"
@@ -142,22 +149,18 @@ ORIGIN_OF_INERTIA = ": swing test, CAD, or mass * (share of the length)^2 (docs,
 def vehicle_text(draft: Draft) -> str:
     """Return a draft of the vehicle file; numbers that the record lacks are comments."""
     model = draft.nearest or "rigid"
-    if model == "ballistic":
-        return _BALLISTIC.format(name=quoted(draft.file.path.stem))
-    if model == "multirotor":
-        return _MULTIROTOR.format(name=quoted(draft.file.path.stem))
-    if model == "aircraft":
+    templates = tomllib.loads(
+        files("scenarios.preparation").joinpath("vehicle_drafts.toml").read_text(encoding="utf-8")
+    )
+    if model in templates:
         found = {guess.channel for guess in draft.guesses if not guess.fault}
-        return _AIRCRAFT.format(
-            name=quoted(draft.file.path.stem),
-            surfaces="\n".join(
-                f'{name} = "rad"' for name in ("elevator", "aileron", "rudder") if name in found
-            ),
+        surfaces = [name for name in ("elevator", "aileron", "rudder") if name in found]
+        return str(templates[model]).format(
+            name=toml_string(draft.file.path.stem),
+            surfaces="\n".join(f'{name} = "rad"' for name in surfaces),
             thrust="thrust" if "thrust" in found else "none",
-            **{
-                name: f'# "{name}" = ...\n' if name in found else ""
-                for name in ("aileron", "rudder")
-            },
+            aileron='# "aileron" = ...\n' if "aileron" in found else "",
+            rudder='# "rudder" = ...\n' if "rudder" in found else "",
         )
     speed = next(
         (
@@ -183,7 +186,7 @@ def vehicle_text(draft: Draft) -> str:
     lines = [
         f"# Draft of a vehicle file for --model {model}. Take the # from each line and give its "
         "number.",
-        f"name = {quoted(draft.file.path.stem)}",
+        f"name = {toml_string(draft.file.path.stem)}",
         '# aircraft_class = ...  # "I" light, "II" medium, "III" large, "IV" fighter (MIL-F-8785C)',
         '# flight_phase = ...  # "A" rapid maneuvers, "B" gradual ones, "C" approach and landing',
         '# mass = ...  # kg, or a text with a unit: mass = "24200 lb"',
@@ -199,70 +202,6 @@ def vehicle_text(draft: Draft) -> str:
     return "\n".join([*lines, *(f"# {name} = ..." for name in _DERIVATIVES[model])]) + "\n"
 
 
-_BALLISTIC = """# Draft of a vehicle file for --model ballistic. Take the # from each line and give its number.
-name = {name}
-# air_density_reference = ...  # kg/m3 at altitude 0; 1.225 at sea level
-# density_scale_height = ...  # m; 8500 near the ground
-gravity = 9.80665  # m/s2
-[derivatives]  # where the search starts
-# beta = ...  # kg/m2: mass / (drag coefficient * area)
-"""  # noqa: E501
-_AIRCRAFT = """# Draft of a vehicle file for --model aircraft. Take the # from each line and give its number.
-model = "aircraft"
-name = {name}
-# mass = ...  # kg, or a text with a unit: mass = "17.6 t"
-# wing_area = ...  # m2
-# chord = ...  # m
-# span = ...  # m
-# roll_inertia = ...  # kg m2
-# pitch_inertia = ...  # kg m2
-# yaw_inertia = ...  # kg m2
-# cross_inertia = ...  # kg m2
-# air_density = ...  # kg/m3 at the height of the flight
-# airspeed = ...  # m/s, a typical one
-[surfaces]
-{surfaces}
-[thrust]
-input = "{thrust}"  # "thrust" where the record has it, in N; else "none"
-[aerodynamics.CD]  # terms and where the search starts; 30 % wrong will do
-# "1" = ...
-# "alpha" = ...
-[aerodynamics.CY]
-# "beta" = ...
-{rudder}[aerodynamics.CL]
-# "1" = ...
-# "alpha" = ...
-# "elevator" = ...
-[aerodynamics.Cl]
-# "beta" = ...
-# "p" = ...
-# "r" = ...
-{aileron}[aerodynamics.Cm]
-# "1" = ...
-# "alpha" = ...
-# "q" = ...
-# "elevator" = ...
-[aerodynamics.Cn]
-# "beta" = ...
-# "r" = ...
-{rudder}"""  # noqa: E501
-_MULTIROTOR = """# Draft of a vehicle file for --model multirotor: usual sizes for commands from -1 to 1.
-name = {name}
-[derivatives]  # where the search starts; what is left out is held at zero
-L_p = -1.0  # 1/s, roll damping
-L_lat = 60.0  # rad/s2, roll acceleration at full command
-L_0 = 0.0  # rad/s2, that a steady command balances
-M_q = -1.0
-M_lon = 60.0
-M_0 = 0.0
-N_r = -0.5
-N_ped = 10.0
-N_0 = 0.0
-Z_col = -20.0  # m/s2, specific force (down) at full thrust
-Z_0 = 0.0
-motor_time_constant = 0.04  # s
-delay = 0.01  # s, from command to motor
-"""  # noqa: E501
 _DERIVATIVES = {
     "rigid": ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"),
     "longitudinal": (
@@ -272,3 +211,189 @@ _DERIVATIVES = {
         "CY_beta", "CY_p", "CY_r", "CY_da", "CY_dr", "Cl_beta", "Cl_p", "Cl_r", "Cl_da", "Cl_dr", "Cn_beta", "Cn_p", "Cn_r", "Cn_da", "Cn_dr",  # noqa: E501
     ),
 }  # fmt: skip
+
+
+# ---- Drafts of a record, printed or written
+
+CHANNEL_MAP_FILE, VEHICLE_FILE = "channels.toml", "vehicle.toml"
+MOST_EXPRESSION_LETTERS = 60  # characters of an expression in a table
+MOST_TOPICS = 15  # topics that are shown without --topics
+# If the same fault keeps every channel from being read, a draft is made from the names alone of at
+# least so many channels.
+FEWEST_NAMED = 2
+
+
+def draft_map(
+    path: Path, out: Path | None, rate: float | None, columns: str | None, topics: bool
+) -> None:
+    """Draft a channel map and a vehicle file for a record, print them or write them into ``out``.
+
+    Parameters
+    ----------
+    path : the record.
+    out : folder of the drafts; None prints them.
+    rate : sampling rate (Hz) of a record without time.
+    columns : names of the columns of a record without header.
+    topics : show all topics of a log.
+
+    Raises
+    ------
+    FlightidError : the file or all its columns cannot be read; ``out`` already holds a map or a
+        vehicle file.
+    """
+    plan = plan_of(rate=rate, columns=columns)
+    if out is not None:
+        _refuse_existing_drafts(out)
+    draft = drafted(with_names(read_record_file(path), plan.columns), plan.rate)
+    unread = [guess.fault for guess in draft.guesses if guess.fault]
+    if unread and not draft.readable:
+        if len(set(unread)) > 1 or len(unread) < FEWEST_NAMED:
+            raise RecordError(f"no channel can be read, so no map is drafted: {unread[0]}")
+        draft = named_only(draft)
+    _print_topics(draft, all_topics=topics)
+    _print_channels(draft)
+    text = map_text(draft)
+    for fault in draft.faults:
+        if out is not None or fault not in text:
+            print(f"fault: {fault}")
+    for note in draft.file.notes:
+        print(f"note: {note}")
+    if out is None:
+        print(f"\n{text}", end="")
+        print(f"\n{vehicle_text(draft)}", end="")
+        return
+    if draft.constant:
+        print_paragraph(console(), constant_words(draft), indent=0)
+    if draft.unused and len(draft.topics) == 1:
+        print_paragraph(console(), unused_words(draft), indent=0)
+    _write_drafts(out, draft)
+    print(f"\n{out / CHANNEL_MAP_FILE}, {out / VEHICLE_FILE}: drafts to check and complete")
+    if idle := _idle_motors_sentence(draft):
+        print_paragraph(console(), f"next: {idle}", indent=0)
+    elif draft.model:
+        _print_identify_command(draft, path, out, rate, columns)
+    else:
+        missing = missing_channels(draft)
+        absent = f"not found: {', '.join(missing)}; " if missing else ""
+        print_paragraph(
+            console(),
+            f"next: {absent}write the columns of the channels that your model needs into "
+            f"{out / CHANNEL_MAP_FILE} (flightid models lists them)",
+            indent=0,
+        )
+
+
+def _print_identify_command(
+    draft: Draft, path: Path, out: Path, rate: float | None, columns: str | None
+) -> None:
+    """Print what the drafts lack, and the command that identifies the record with them."""
+    if draft.model == "rigid" and not LIFT_OUTPUTS & {guess.channel for guess in draft.guesses}:
+        print_paragraph(console(), f"needed: {NO_LIFT}", indent=0)
+    commands = [guess.channel for guess in draft.guesses if guess.command and not guess.fault]
+    if commands:
+        print_paragraph(
+            console(),
+            f"first: {', '.join(commands)} commanded from -1 to 1; enter the "
+            f"surface's angle in {out / CHANNEL_MAP_FILE}",
+            indent=0,
+        )
+    options = ["--channels", str(out / CHANNEL_MAP_FILE), "--vehicle", str(out / VEHICLE_FILE)]
+    if rate is not None:
+        options += ["--rate", f"{rate:g}"]
+    elif draft.clockless:
+        options += ["--rate", "HZ"]
+    if columns:
+        options += ["--columns", columns]
+    print(f"next: flightid identify {path} --model {draft.model} {' '.join(options)}")
+
+
+def _idle_motors_sentence(draft: Draft) -> str:
+    """Return a sentence if all commands in the log of a multirotor are zero; else an empty text."""
+    commands = [guess for guess in draft.guesses if guess.channel in COMMANDS and guess.samples]
+    idle = [guess.channel for guess in commands if guess.least == guess.most == 0.0]
+    if draft.model != "multirotor" or not commands or "thrust_command" not in idle:
+        return ""
+    return (
+        f"{', '.join(idle)}: zero throughout, so the motors moved nothing; take a log of a flight"
+    )
+
+
+def _print_topics(draft: Draft, *, all_topics: bool) -> None:
+    """Print the rows, rate and columns of each topic; of a large log only the largest topics."""
+    if len(draft.topics) == 1:
+        (topic,) = draft.topics
+        rate = f", {topic.rate:.4g} samples a second" if topic.rate else ""
+        print(f"{draft.file.path.name}: {topic.rows} rows of {len(topic.columns)} columns{rate}")
+        return
+    print(f"{draft.file.path.name}: a log of {len(draft.topics)} topics")
+    shown = list(draft.topics)
+    if not all_topics:
+        shown = sorted(shown, key=lambda topic: -topic.rows)[:MOST_TOPICS]
+    names = [_shortened(", ".join(topic.columns), MOST_EXPRESSION_LETTERS) for topic in shown]
+    _print_table(
+        [
+            TableColumn("topic", [topic.name for topic in shown], left=True),
+            TableColumn("rows", [str(topic.rows) for topic in shown]),
+            TableColumn("Hz", [f"{topic.rate:.4g}" if topic.rate else "" for topic in shown]),
+            TableColumn("columns", names, left=True),
+        ]
+    )
+    if len(shown) < len(draft.topics):
+        print(f"{len(draft.topics) - len(shown)} smaller topics are not shown; --topics shows all")
+
+
+def _print_channels(draft: Draft) -> None:
+    if draft.faults and not any(guess.samples for guess in draft.guesses):
+        names = [guess.channel for guess in draft.guesses]
+        if names:
+            print(f"channels by their names alone, as no value can be read: {', '.join(names)}")
+            return
+    usable = [guess for guess in draft.guesses if not guess.fault and guess.samples]
+    if not usable:
+        print("no channel was recognised by its name")
+        return
+    units = [
+        Shown(1.0, "command")
+        if guess.command
+        else shown_in(CHANNEL_UNITS[guess.channel], guess.channel)
+        for guess in usable
+    ]
+    sources = [_shortened(str(guess.choice.column), MOST_EXPRESSION_LETTERS) for guess in usable]
+    guesses = [(guess, factor) for guess, (factor, _) in zip(usable, units, strict=True)]
+    _print_table(
+        [
+            TableColumn("channel", [guess.channel for guess in usable], left=True),
+            TableColumn("from", sources, left=True),
+            TableColumn("samples", [str(guess.samples) for guess in usable]),
+            TableColumn("least", [f"{factor * guess.least:.4g}" for guess, factor in guesses]),
+            TableColumn("most", [f"{factor * guess.most:.4g}" for guess, factor in guesses]),
+            TableColumn("unit", [unit_cell(unit) for _, unit in units], left=True),
+        ]
+    )
+
+
+def _print_table(columns: list[TableColumn]) -> None:
+    print("\n".join(f"  {line}" for line in table_lines(columns, width=terminal_width())))
+
+
+def _refuse_existing_drafts(out: Path) -> None:
+    for name in (CHANNEL_MAP_FILE, VEHICLE_FILE):
+        if (out / name).exists():
+            raise DeclarationError(
+                "this file exists already",
+                where=str(out / name),
+                remedy="name another folder with --out",
+            )
+
+
+def _write_drafts(out: Path, draft: Draft) -> None:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        write_text(out / VEHICLE_FILE, vehicle_text(draft))
+        write_text(out / CHANNEL_MAP_FILE, map_text(draft))
+    except OSError as error:
+        raise unwritable(out, error, "name another folder") from None
+
+
+def _shortened(text: str, most: int) -> str:
+    return text if len(text) <= most else f"{text[: most - 4]} ..."

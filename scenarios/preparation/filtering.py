@@ -232,9 +232,7 @@ def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
     )
     outputs = tuple(
         Channel.of(
-            channel.name,
-            channel.unit,
-            np.where(near[channel.name], np.nan, smooth[channel.name]),
+            channel.name, channel.unit, np.where(near[channel.name], np.nan, smooth[channel.name])
         )
         for channel in record.outputs
     )

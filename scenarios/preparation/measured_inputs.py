@@ -288,7 +288,6 @@ def unused_airspeed(
 
 
 def _without_outputs(record: Record, names: Collection[str]) -> Record:
-    """Return the record without measured outputs that no equation has."""
     kept = tuple(channel for channel in record.outputs if channel.name not in names)
     return replace(record, outputs=kept) if len(kept) < len(record.outputs) else record
 

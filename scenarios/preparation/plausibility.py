@@ -420,7 +420,6 @@ def _noise_sigma(values: np.ndarray) -> float:
 
 
 def _part(record: Record, rows: slice, word: str) -> Record:
-    """Return some rows of a record; ``word`` names the part in an error."""
     for channel in record.outputs:
         if not np.any(channel.valid[rows]):
             raise RecordError(

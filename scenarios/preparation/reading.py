@@ -572,6 +572,5 @@ def _trim_lift(fitted: Sequence[Record], model: Model) -> tuple[bool, list[str]]
 
 
 def _varies(flow: Flow) -> bool:
-    """Return whether the dynamic pressure of a flow changes over the record."""
     pressure = flow.speed**2 * (1.0 if flow.density is None else flow.density)
     return bool(pressure.max() > (1.0 + STEADY_PRESSURE_SHARE) * pressure.min())

@@ -195,7 +195,6 @@ def _handled(record: Record, finding: RecordFinding, plan: Plan) -> tuple[Record
 
 
 def _with_output(record: Record, name: str, values: np.ndarray) -> Record:
-    """Return the record with other values of an output."""
     outputs = tuple(
         Channel.of(name, channel.unit, values) if channel.name == name else channel
         for channel in record.outputs
@@ -283,7 +282,6 @@ MOST_NAMED_TIMES = 3  # times that a sentence or a table names
 
 
 def _times_text(finding: RecordFinding) -> str:
-    """Return the first times of a finding."""
     if not finding.times:
         return "throughout"
     texts = [

@@ -250,7 +250,7 @@ LARGEST_SHOWN_SHARE = 1e3  # sigma over the value, above which the share is show
 
 
 class EstimatedParameter(Protocol):
-    """An estimated parameter, as ``studies.published.Row``."""
+    """An estimated parameter, as ``studies.declaration.Row``."""
 
     @property
     def name(self) -> str: ...

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ident.statistics.intervals import clopper_pearson, clustered_share
-from scenarios.files.declarations import closest
+from scenarios.files.declarations import refuse_unknown
 from scenarios.studies.declaration import Estimation, Scenario, seen_by
 from scenarios.studies.estimating import (
     Estimates,
@@ -241,8 +241,32 @@ class Rebuilt:
         return scenario_of(self.document, self.name, self.where)
 
 
+def campaign_scenario(name: str, changes: Sequence[str], where: str = "") -> Rebuilt:
+    """Return a scenario of identification with changes, for a campaign.
+
+    Parameters
+    ----------
+    name : a name or a path as in ``load_document``.
+    changes : changes of the scenario file, as ``"KEY=VALUE"``.
+    where : place of the name in messages.
+
+    Raises
+    ------
+    DeclarationError : there is no such scenario, or it is of another kind.
+    """
+    from scenarios.studies.catalogue import IDENTIFICATION, load_document, moved, scenario_kind
+
+    kind = scenario_kind(name)
+    if kind == "trace":
+        raise moved(f"a campaign of {name}", f"hidden-effects {name}", where or "flightid")
+    if kind != IDENTIFICATION:
+        what = f"there is no campaign of a scenario of kind {kind}"
+        raise DeclarationError(what, where=where or name, remedy="name a scenario of estimators")
+    document, short, file = load_document(name, changes)
+    return Rebuilt({key: value for key, value in document.items() if key != "kind"}, short, file)
+
+
 def _rebuilt(rebuilt_scenario: Rebuilt, method: str) -> EstimatorRuns:
-    """Return the runs of a method of a rebuilt scenario."""
     scenario = rebuilt_scenario.scenario()
     by_name = {estimation.name: estimation for estimation in scenario.estimations}
     return EstimatorRuns(scenario, by_name[method], rebuilt_scenario)
@@ -370,7 +394,7 @@ def fly_campaign(
     runs : number of runs.
     seed : seed of the campaign; None: that of the scenario.
     method : name of the estimation.
-    progress : is told stage and share of the work that is done.
+    progress : called with the stage and the share of the work that is done, 0 to 1.
     execution : number of processes, folder of the rows, time limit; without effect on the numbers.
     rebuilt_scenario : content from which other processes rebuild a scenario with a user's
         functions.
@@ -381,10 +405,7 @@ def fly_campaign(
         folder holds another campaign.
     """
     known = {estimation.name: estimation for estimation in scenario.estimations}
-    if method not in known:
-        raise DeclarationError(
-            f"there is no method {method!r}", where="--method", remedy=closest(method, known)
-        )
+    refuse_unknown("method", method, known, "--method")
     root = scenario.seed if seed is None else seed
     work = EstimatorRuns(scenario, known[method], rebuilt_scenario)
     table = run_study(work, execution.request(runs, root, work.block, "runs"), progress)
@@ -407,7 +428,7 @@ def campaign_of(work: EstimatorRuns, table: RowTable, root: int) -> CampaignRuns
         raise ModelError(
             what,
             where=f"estimation {estimation.name}",
-            remedy="give it other starting values, or a flight that tells more",
+            remedy="give it other starting values, or a flight that determines more",
         )
     values, std = (
         np.array([columns[f"{kind}{name}"][kept] for name in names]) for kind in (ESTIMATE, SIGMA)

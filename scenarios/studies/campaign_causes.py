@@ -423,7 +423,6 @@ def _by_colour(
 
 
 def _strongest(residuals: Residuals) -> float:
-    """Return the autocorrelation of largest size."""
     return float(residuals.colour[np.argmax(np.abs(residuals.colour))])
 
 

@@ -1,9 +1,9 @@
-"""A campaign in tables and sentences: its parameters, their statistics, causes of wrong sigmas."""
+"""A campaign in the terminal and on its page: parameters, statistics, causes of wrong sigmas."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -17,11 +17,19 @@ from scenarios.report.document import (
     Cell,
     Column,
     Number,
+    Page,
     Prose,
     Table,
+    as_sentence,
+    capital,
     known,
+    now,
+    reproduction,
+    section,
     table,
 )
+from scenarios.report.figure_formats import Drawn
+from scenarios.report.folder import figures
 from scenarios.report.quantities import console, number_text, shown_in
 from scenarios.report.summary import BELOW, Summary, print_summary
 from scenarios.report.terminal import show_blocks, show_table
@@ -47,6 +55,7 @@ from scenarios.studies.campaign_trials import (
     Level,
     Levels,
 )
+from scenarios.studies.comparison import distance_text
 
 # ---- Statistics of a campaign in sentences and tables
 
@@ -64,17 +73,13 @@ def squares_sentence(squares: Squares) -> str:
         verdict = "as it should be"
     else:
         verdict = "too large" if squares.mean > high else "too small"
+    mean = f"{squares.mean:.3f}" if squares.mean < 100.0 else number_text(squares.mean)
     return (
         f"{squares.name} ({MEANINGS[squares.name]}) over its degrees of freedom: "
-        f"{_near_one(squares.mean)}, {verdict} (correct sigmas give "
+        f"{mean}, {verdict} (correct sigmas give "
         f"{low:.3f} to {high:.3f} in 95 % of campaigns); {100 * squares.inside:.1f} % of the "
         "runs within their own 95 % interval"
     )
-
-
-def _near_one(value: float) -> str:
-    """Return a number that should be about one with three decimals; a large number without them."""
-    return f"{value:.3f}" if value < 100.0 else number_text(value)
 
 
 NOTE = (
@@ -286,7 +291,9 @@ def _by_factors(group: list[Finding]) -> str:
     """Return the smallest and the largest factor by which sigmas of one direction are wrong."""
     small = group[0].wrong.too_small
     factors = sorted(f.wrong.factor if small else 1.0 / max(f.wrong.factor, 1e-12) for f in group)
-    ends = dict.fromkeys(_factor_text(end) for end in (factors[0], factors[-1]))
+    ends = dict.fromkeys(
+        f"{end:.2f}" if end < 10.0 else f"{end:.0f}" for end in (factors[0], factors[-1])
+    )
     return f"too {'small' if small else 'large'} by a factor of {' to '.join(ends)}"
 
 
@@ -297,7 +304,7 @@ def cause_sentences(findings: Findings) -> list[str]:
         groups.setdefault((finding.causes, finding.again), []).append(finding)
     sentences = []
     for (causes, _), group in groups.items():
-        reasons = "; and ".join(_EXPLANATIONS[cause](group, findings) for cause in causes)
+        reasons = "; and ".join(_explanation(cause, group, findings) for cause in causes)
         sentences.append(f"{_directions(group)}: {reasons}{_correction_note(group, findings)}")
     return sentences
 
@@ -323,26 +330,49 @@ def _correction_note(group: list[Finding], findings: Findings) -> str:
     return ". The corrected sigma follows from this cause alone, its coverage from all runs"
 
 
-def _start(group: list[Finding], findings: Findings) -> str:
+def _explanation(cause: str, group: list[Finding], findings: Findings) -> str:
+    """Return a sentence on a cause, with its evidence."""
+    strength = group[0].strength
+    if cause == START:
+        return (
+            "the estimator starts too far off and linearises there: started again from its own "
+            f"result, {FURTHER_PASSES} passes more, it is right"
+        )
+    if cause == TRIALS_STEPS:
+        return (
+            "its integration is too coarse and moves the estimates: with fourth-order steps of a "
+            "quarter of a sample they are not moved"
+        )
+    if cause == LEVELS:
+        wrong = _disagreements(findings.levels)
+        return f"it assumes wrong noise ({wrong}): with the levels by likelihood it is right"
+    if cause == PRIOR:
+        return _prior_sentence(group)
+    if cause == COLOUR:
+        return (
+            f"the noise is not white, neighbouring samples correlate by {strength:.2f} and "
+            "tell less than the filter counts"
+        )
+    if cause == NOISE:
+        return (
+            "the noise itself biases the estimate (it stands in what is not linear, or in "
+            "regressors): with a tenth of it the bias goes"
+        )
+    if cause == OPEN:
+        return (
+            "no cause was found: the model follows the flight, and nothing that was changed makes "
+            f"it right; {_bias_share(group)}"
+        )
+    more = ""
+    if not any(finding.wrong.too_small for finding in group):
+        more = "; what is declared in its place, process noise, is more than it needs"
     return (
-        "the estimator starts too far off and linearises there: started again from its own "
-        f"result, {FURTHER_PASSES} passes more, it is right"
+        f"the model cannot follow the flight: at the reference values it leaves {strength:.2g} "
+        f"times the noise, the same in all runs; {_bias_share(group)}{more}"
     )
 
 
-def _steps(group: list[Finding], findings: Findings) -> str:
-    return (
-        "its integration is too coarse and moves the estimates: with fourth-order steps of a "
-        "quarter of a sample they are not moved"
-    )
-
-
-def _levels(group: list[Finding], findings: Findings) -> str:
-    wrong = _disagreements(findings.levels)
-    return f"it assumes wrong noise ({wrong}): with the levels by likelihood it is right"
-
-
-def _prior(group: list[Finding], findings: Findings) -> str:
+def _prior_sentence(group: list[Finding]) -> str:
     if math.isnan(group[0].strength):
         return (
             "estimates lean on the prior and scatter less than stated: started again from their "
@@ -358,53 +388,9 @@ def _prior(group: list[Finding], findings: Findings) -> str:
     )
 
 
-def _colour(group: list[Finding], findings: Findings) -> str:
-    return (
-        f"the noise is not white, neighbouring samples correlate by {group[0].strength:.2f} and "
-        "tell less than the filter counts"
-    )
-
-
-def _noise(group: list[Finding], findings: Findings) -> str:
-    return (
-        "the noise itself biases the estimate (it stands in what is not linear, or in regressors): "
-        "with a tenth of it the bias goes"
-    )
-
-
-def _model(group: list[Finding], findings: Findings) -> str:
-    bias_text = _bias_share(group)
-    if not any(finding.wrong.too_small for finding in group):
-        bias_text += "; what is declared in its place, process noise, is more than it needs"
-    misfit = (
-        f"at the reference values it leaves {group[0].strength:.2g} times the noise, the same in "
-        "all runs"
-    )
-    return f"the model cannot follow the flight: {misfit}; {bias_text}"
-
-
-def _open(group: list[Finding], findings: Findings) -> str:
-    return (
-        "no cause was found: the model follows the flight, and nothing that was changed makes it "
-        f"right; {_bias_share(group)}"
-    )
-
-
 def _bias_share(group: list[Finding]) -> str:
     share = max(finding.wrong.mean**2 / finding.wrong.rms**2 for finding in group)
     return f"bias makes up to {100 * share:.0f} % of the mean square error"
-
-
-_EXPLANATIONS: dict[str, Callable[[list[Finding], Findings], str]] = {
-    START: _start,
-    TRIALS_STEPS: _steps,
-    LEVELS: _levels,
-    PRIOR: _prior,
-    COLOUR: _colour,
-    NOISE: _noise,
-    MODEL: _model,
-    OPEN: _open,
-}
 
 
 def _names(group: list[Finding]) -> str:
@@ -416,10 +402,6 @@ def _names(group: list[Finding]) -> str:
         )
     more = f" and {len(group) - 8} more" if len(group) > 8 else ""
     return ", ".join(finding.name for finding in group[:8]) + more
-
-
-def _factor_text(value: float) -> str:
-    return f"{value:.2f}" if value < 10.0 else f"{value:.0f}"
 
 
 # ---- Causes of wrong sigmas in campaign.json
@@ -545,7 +527,64 @@ def broken_words(campaign: CampaignRuns) -> str:
 
 
 def _displayed(s: Spread) -> Spread:
-    """Return the spread of a parameter in its display unit."""
     factor, unit = shown_in(s.unit, s.name)
     sizes = {key: factor * getattr(s, key) for key in ("reference", "bias", "scatter", "reported")}
     return replace(s, unit=unit, **sizes)
+
+
+# ---- The page of a campaign
+
+
+def campaign_page(
+    campaign: CampaignRuns, judgement: Judgement, drawn: Sequence[Drawn] = ()
+) -> Page:
+    """Return the page of a campaign with the figures ``drawn``."""
+    scenario, seeds, pooled = campaign.scenario, campaign.seeds, campaign.pooled
+    low, high = pooled.interval
+    wrong = judgement.findings.found
+    share = (
+        f"{100 * pooled.within_two:.1f} % of all two-sigma intervals contain the reference (95 % "
+        f"interval {100 * low:.1f} to {100 * high:.1f} %, {100 * NORMAL[2]:.1f} % expected)"
+    )
+    biases = {s.name: abs(s.bias) / s.scatter for s in campaign.spreads if s.scatter > 0.0}
+    bias = ""
+    if biases:
+        worst = max(biases, key=lambda name: biases[name])
+        bias = f"largest bias: {worst}, {biases[worst]:.2f} of its scatter"
+    broken = broken_words(campaign) if campaign.broken else ""
+    files = [("model", file.name, file.sha256) for file in scenario.files]
+    command = ["flightid", "campaign", scenario.name, "--runs", str(len(seeds))]
+    command += ["--seed", str(campaign.root), "--method", campaign.estimation.name]
+    return Page(
+        title=f"{capital(scenario.title)}: {len(seeds)} runs",
+        kind=f"Campaign of {scenario.name}, {campaign.estimation.label}",
+        verdict=f"{len(wrong)} of {len(campaign.names)} sigmas wrong" if wrong else "sigmas hold",
+        tone="good" if not wrong else "fair",
+        sentence=as_sentence(share),
+        summary=tuple(as_sentence(line) for line in (bias,) if line),
+        warnings=tuple(
+            as_sentence(line) for line in (broken, *cause_sentences(judgement.findings)) if line
+        ),
+        sections=(
+            *section("Figures", *figures(drawn)),
+            *section("Bias and scatter", sizes_table(campaign), Prose(SIZES_NOTE, "note")),
+            *section(
+                "Whether the sigmas are right",
+                *findings_blocks(judgement.findings),
+                *statistics_blocks(judgement.statistics),
+            ),
+            *section(
+                "How it was made",
+                Prose(
+                    f"Flight and model: {distance_text(scenario.distance)}. Each run has its own "
+                    "seed, with which flightid run repeats it."
+                ),
+            ),
+        ),
+        reproduction=reproduction(
+            command,
+            f"The seeds of all runs follow from seed {campaign.root}; estimates.csv lists them.",
+            files,
+        ),
+        created=now(),
+    )

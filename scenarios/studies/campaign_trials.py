@@ -20,13 +20,7 @@ from ident.filters.ekf import run_ekf
 from ident.statistics.intervals import mean_square_interval
 from scenarios.studies.campaign import SOUND, CampaignRuns, EstimatorRuns
 from scenarios.studies.declaration import FILTERS, Estimation, Start
-from scenarios.studies.estimating import (
-    FIT_STEP,
-    Estimates,
-    compiled,
-    filter_settings,
-    is_batched,
-)
+from scenarios.studies.estimating import FIT_STEP, Estimates, compiled, filter_settings, is_batched
 from sim.declaration.model import Noise
 from sim.errors import FlightidError
 from sim.record import Record

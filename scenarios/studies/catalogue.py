@@ -6,12 +6,14 @@ import tomllib
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from scenarios.files.declarations import closest, read_toml
+from scenarios.files.declarations import read_toml, refuse_unknown
 from scenarios.files.sources import DocumentError, toml_value
-from scenarios.studies.declaration import Scenario, methods_without_removed, without_removed
 from sim.errors import DeclarationError
+
+if TYPE_CHECKING:
+    from scenarios.studies.declaration import Scenario
 
 IDENTIFICATION = "identification"
 KINDS = (IDENTIFICATION, "trace", "x29", "sweep", "jsbsim")
@@ -42,10 +44,7 @@ def scenario_kind(name: str) -> str:
     kind = str(document.get("kind", IDENTIFICATION))
     if kind == SURROGATE:
         raise moved(f"a scenario of kind {kind!r}", "surrogate", where)
-    if kind not in KINDS:
-        raise DeclarationError(
-            f"there is no kind {kind!r}", where=f"{where}, key kind", remedy=closest(kind, KINDS)
-        )
+    refuse_unknown("kind", kind, KINDS, f"{where}, key kind")
     return kind
 
 
@@ -60,11 +59,7 @@ def scenario_text(name: str) -> str:
         raise moved(name, EXAMINATIONS[name])
     if name.startswith(f"{SURROGATE}-"):
         raise moved(name, f"surrogate {name.replace(SURROGATE, 'surrogate', 1)}")
-    names = scenario_names()
-    if name not in names:
-        raise DeclarationError(
-            f"there is no scenario {name!r}", where="flightid", remedy=closest(name, names)
-        )
+    refuse_unknown("scenario", name, scenario_names(), "flightid")
     return _catalogue_text(name)
 
 
@@ -147,6 +142,8 @@ def with_changes(document: dict[str, Any], changes: Sequence[str]) -> dict[str, 
 
 def with_change(document: dict[str, Any], change: str) -> dict[str, Any]:
     """Return a scenario's content with one ``"key=value"`` replaced. Raises DeclarationError."""
+    from scenarios.studies.declaration import methods_without_removed, without_removed
+
     key, equals, text = change.partition("=")
     if not equals or not key.strip():
         raise DeclarationError(
@@ -186,7 +183,7 @@ def _put(table: Any, path: list[str], value: Any, key: str) -> Any:
         ]
     if not isinstance(table, dict):
         raise DeclarationError(
-            f"{key}: nothing stands inside {first!r}",
+            f"{key}: {first!r} is no table",
             where="--set",
             remedy="name a key of the scenario's file",
         )

@@ -22,8 +22,15 @@ from scenarios.files.sources import versions
 from scenarios.files.writing import csv_text
 from scenarios.report.quantities import AXES
 from scenarios.report.summary import levels_content
-from scenarios.studies.declaration import Choice, Estimation, FlightPlan, Scenario, Start
-from scenarios.studies.published import Row, published_remark
+from scenarios.studies.declaration import (
+    Choice,
+    Estimation,
+    FlightPlan,
+    Row,
+    Scenario,
+    Start,
+    published_remark,
+)
 from scenarios.studies.study import MethodDetermination, MethodResult, Scatter, StudyResult
 from scenarios.studies.sweep import sweep_content
 from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility
@@ -381,27 +388,27 @@ def comparison(study: StudyResult) -> dict[str, Any]:
         content["repeated"] = [_repeated(scatter) for scatter in study.repeated]
     if len(study.methods) > 1:
         content["methods"] = {
-            method.estimation.name: method_content(method) | _departures(study, method)
+            method.estimation.name: method_content(method) | _differences(study, method)
             for method in study.methods[1:]
         }
     return content
 
 
-def _departures(study: StudyResult, method: MethodResult) -> dict[str, Any]:
+def _differences(study: StudyResult, method: MethodResult) -> dict[str, Any]:
     """Return the choices of a method, and its own flight if it has one, SI."""
     estimation, flight = method.estimation, method.estimation.flight
-    departures: dict[str, Any] = {}
+    differences: dict[str, Any] = {}
     if estimation.choices:
-        departures["own"] = choices_content(estimation.choices)
+        differences["own"] = choices_content(estimation.choices)
     if flight is not None:
         changed = {
             name: value
             for name, value in other_flight(study.scenario, estimation).items()
             if name != "maneuvers"
         }
-        departures["flight"] = changed
-        departures["distance"] = estimation.distance or study.scenario.distance
-    return departures
+        differences["flight"] = changed
+        differences["distance"] = estimation.distance or study.scenario.distance
+    return differences
 
 
 def flexibility_content(found: Flexibility) -> dict[str, Any]:
@@ -531,7 +538,6 @@ def check_display(study: StudyResult) -> None:
 
 
 def _row(row: Row) -> dict[str, Any]:
-    """Return a parameter with its true, condensed and published value, if it has them."""
     content: dict[str, Any] = {"estimate": row.estimate, "std": row.std, "unit": row.unit}
     for key, value in (
         ("true", row.true),

@@ -22,13 +22,13 @@ from scenarios.files.writing import (
 )
 from scenarios.plots import draw_into
 from scenarios.plots.display import SIMULATED_DATA
-from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.report.folder import write_page
 from scenarios.report.quantities import as_text
 from scenarios.report.summary import HERE
 from scenarios.studies.campaign import CampaignRuns, Spread
 from scenarios.studies.campaign_causes import Judgement
-from scenarios.studies.campaign_report import findings_content
+from scenarios.studies.campaign_report import campaign_page, findings_content
 from scenarios.studies.campaign_statistics import (
     NORMAL,
     SIGMAS,
@@ -37,10 +37,9 @@ from scenarios.studies.campaign_statistics import (
     statistics_csv,
 )
 from scenarios.studies.comparison import comparison, determination_csv, history_csv
-from scenarios.studies.page import campaign_page, study_page
 from scenarios.studies.study import MethodDetermination, MethodResult, StudyResult
 from scenarios.studies.sweep import Sweep, criteria_of, sweep_csv
-from scenarios.studies.text import print_study
+from scenarios.studies.text import print_study, study_page
 from sim.truth.flight import INTEGRATION_TOLERANCE, Truth
 
 if TYPE_CHECKING:
@@ -223,7 +222,6 @@ def study_figures(study: StudyResult) -> Iterator[Named]:
 
 
 def _error_figure(study: StudyResult) -> Iterator[Named]:
-    """Yield the figure of errors against the reference values, if there are any."""
     from scenarios.plots.residuals import ComparisonRow, figure_comparison
 
     scenario, main = study.scenario, study.main
@@ -264,7 +262,6 @@ def campaign_figures(campaign: CampaignRuns, statistics: CampaignStatistics) -> 
 
 
 def _coverage(spread: Spread, sigmas: np.ndarray) -> Coverage:
-    """Return a row of the figure of coverage; ``sigmas``: errors over reported sigmas, ``(M,)``."""
     from scenarios.plots.studies import Coverage
 
     low, high = spread.interval
@@ -464,13 +461,7 @@ def write_campaign(
         rows = ([seed, *map(repr, row)] for seed, row in zip(seeds, cells.tolist(), strict=True))
         write_text(scratch / "statistics.csv", statistics_csv(judgement.statistics))
         write_text(scratch / "estimates.csv", csv_text(header, rows))
-        drawn: tuple[Drawn, ...] = ()
-        if figures:
-            from scenarios.plots.drawing import draw_for_page
-
-            drawn = draw_for_page(
-                campaign_figures(campaign, judgement.statistics), scratch, figures
-            )
+        drawn = draw_into(scratch, campaign_figures(campaign, judgement.statistics), figures)
         write_page(scratch, campaign_page(campaign, judgement, drawn))
         content = {
             "schema": "flightid/campaign/1",

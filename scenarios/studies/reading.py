@@ -9,7 +9,7 @@ from typing import Any
 
 from ident.flying_qualities.levels import flight_phase_of
 from scenarios.files.aircraft_files import read_model_file
-from scenarios.files.declarations import checked, closest
+from scenarios.files.declarations import checked, refuse_unknown
 from scenarios.files.user_models import OwnModel, is_model_file, is_of_aircraft
 from scenarios.files.vehicles import MODELS, with_priors
 from scenarios.files.writing import unportable
@@ -68,12 +68,7 @@ def truth_of(model: Model, values: Mapping[str, Quantity], where: str) -> Model:
         key of the table.
     """
     for name in values:
-        if name not in model.parameters:
-            raise DeclarationError(
-                f"there is no parameter {name!r}",
-                where=f"{where}.{name}",
-                remedy=closest(name, model.parameters.names),
-            )
+        refuse_unknown("parameter", name, model.parameters.names, f"{where}.{name}")
     numbers = {
         name: si(value, model.parameters[name].unit, f"{where}.{name}")
         for name, value in values.items()
@@ -142,12 +137,7 @@ def own_declared(estimation: Estimation, noise_std: Mapping[str, float]) -> Mode
     )
     for key, kind, names, known in tables:
         for name in names:
-            if name not in known:
-                raise DeclarationError(
-                    f"there is no {kind} {name!r}",
-                    where=f"{place}, key {key}",
-                    remedy=closest(name, known),
-                )
+            refuse_unknown(kind, name, known, f"{place}, key {key}")
     refuse_held_start(estimation)
     try:
         started = model.with_values(

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, Field
 from pydantic_core import PydanticCustomError
 
+from scenarios.files.declarations import CHANNEL_UNITS
 from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT, AircraftClass, FlightPhase
 from scenarios.files.units import to_si
 from scenarios.files.user_models import is_model_file, unit_in
@@ -21,24 +22,12 @@ Quantity = float | int | str
 
 # SI units of quantities that a scenario may give in another unit.
 UNITS = {
-    "alpha": "rad",
-    "q": "rad/s",
-    "nz": "g",
-    "altitude": "m",
-    "velocity": "m/s",
-    "elevator": "rad",
-    "beta": "kg/m2",
-    "p": "rad/s",
-    "r": "rad/s",
-    "phi": "rad",
-    "ny": "g",
-    "aileron": "rad",
-    "rudder": "rad",
-    "airspeed": "m/s",
-    "theta": "rad",
-    "nx": "g",
-    "thrust": "N",
-}
+    name: CHANNEL_UNITS[name]
+    for name in (
+        *("alpha", "q", "nz", "altitude", "elevator", "p", "r", "phi", "ny", "aileron", "rudder"),
+        *("airspeed", "theta", "nx", "thrust"),
+    )
+} | {"velocity": "m/s", "beta": "kg/m2"}
 # A falling body's beta is its ballistic coefficient, an aircraft's its sideslip.
 UNITS_BY_MODEL = {"lateral": {"beta": "rad"}}
 

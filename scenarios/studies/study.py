@@ -21,7 +21,16 @@ from ident.whole_record.layout import weighted_sensitivities
 from scenarios.files.declarations import CHANNEL_UNITS
 from scenarios.files.user_models import moves_about_rest
 from scenarios.report.quantities import in_hertz, shown_in, spaced
-from scenarios.studies.declaration import EMPTY, Estimation, Scenario, Variation, seen_by
+from scenarios.studies.declaration import (
+    EMPTY,
+    Estimation,
+    Row,
+    Scenario,
+    Variation,
+    published_values,
+    rows_of,
+    seen_by,
+)
 from scenarios.studies.estimating import (
     Result,
     biased_system,
@@ -34,7 +43,6 @@ from scenarios.studies.estimating import (
     measured_again,
     true_model,
 )
-from scenarios.studies.published import Row, published_values, rows_of
 from scenarios.studies.sweep import Sweep
 from sim.declaration.model import Model
 from sim.errors import ModelError
@@ -140,7 +148,6 @@ def _scatter(
     estimation: Estimation,
     flown: list[tuple[Record, Truth]],
 ) -> Scatter:
-    """Return the results of an estimator on the records of a repeated flight."""
     model = declared_for(scenario, estimation, variation.flight)
     names = tuple(estimation.start)
     with_batch_engine = replace(estimation, engine="batched")
@@ -303,7 +310,6 @@ def flexibility_sentences(found: Flexibility, noise_std: Mapping[str, float]) ->
 
 
 def _level(name: str, std: float) -> str:
-    """Return a noise level with its name and unit."""
     factor, unit = shown_in(CHANNEL_UNITS.get(name, ""), name)
     return f"{name} {factor * std:.3g}{spaced(unit)}"
 

@@ -26,7 +26,15 @@ from ident.banks.bank import run_bank
 from ident.estimate import Outcome
 from ident.statistics.residuals import ResidualTest, tests_of_records
 from scenarios.files.writing import csv_text
-from scenarios.studies.declaration import Estimation, FlightPlan, Mark, Scenario, Start
+from scenarios.report.document import PURE, Block, Cell, Column, Number, Prose, table
+from scenarios.studies.declaration import (
+    Estimation,
+    FlightPlan,
+    Mark,
+    Scenario,
+    Start,
+    published_values,
+)
 from scenarios.studies.estimating import (
     compiled,
     condensed_values,
@@ -36,7 +44,6 @@ from scenarios.studies.estimating import (
     flown_vehicle,
     fly_scenario,
 )
-from scenarios.studies.published import published_values
 from sim.record import Record
 from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility, flexibility
 
@@ -183,7 +190,6 @@ def _results(
     flights: Sequence[FlightPlan],
     records: Sequence[Record],
 ) -> list[SweptMethod]:
-    """Return the results of one method on all structures; filters run on all records at once."""
     all_condensed = [condensed_values(flight, estimation) for flight in flights]
     model = declared_for(scenario, estimation, flights[0])
     if estimation.method == "ekf" and not estimation.modes and math.isinf(estimation.spread):
@@ -472,3 +478,107 @@ def _method_content(method: SweptMethod) -> dict[str, Any]:
     if math.isfinite(method.log_likelihood):
         content["log_likelihood"] = method.log_likelihood
     return content
+
+
+# ---- A sweep in tables and sentences
+
+LEAST_LOG_PROBABILITY = -20  # decimal logarithm of the smallest probability that is printed
+# Criterion -> heading of its column; empty for none.
+CRITERION_HEADINGS = {"likelihood": "BIC gain of a mode", "whiteness": "p(white)", "misfit": ""}
+
+
+def sweep_blocks(sweep: Sweep) -> list[Block]:
+    """Return the tables of criteria and of errors by structure, and sentences on the criteria."""
+    criteria, points = criteria_of(sweep.points), sweep.points
+    names = {mark.frequency_factor: mark.label for mark, _ in sweep.marks}
+    factors: list[Cell] = []
+    for point in points:
+        factor = point.frequency_factor
+        factors.append(Number(factor, shown=f"{factor:g} {names.get(factor, '')}".strip()))
+    factor_column = (Column("frequencies", PURE, left=True), factors)
+    properties = [point.figures for point in points]
+    blocks: list[Block] = [
+        table(
+            "structures from stiff to soft",
+            factor_column,
+            (Column("degree", PURE), [Number(item.degree, digits=4) for item in properties]),
+            (
+                Column("stiffness lost", "%"),
+                [Number(100 * item.stiffness_loss, digits=1) for item in properties],
+            ),
+            (Column("misfit/noise", PURE), [Number(item.misfit, digits=2) for item in properties]),
+            *(
+                (
+                    Column(CRITERION_HEADINGS[criterion.name], PURE),
+                    [_criterion_cell(criterion.name, value) for value in criterion.values],
+                )
+                for criterion in criteria
+                if CRITERION_HEADINGS[criterion.name]
+            ),
+        )
+    ]
+    for number, method in enumerate(points[0].methods):
+        title = (
+            f"{method.estimation.label}: error against the condensed derivatives in % (in standard "
+            "deviations)"
+        )
+        columns = [
+            (
+                Column(name, "%", printed=name),
+                [_error_cell(point, number, name) for point in points],
+            )
+            for name in sweep.rigid
+            if name in method.names
+        ]
+        blocks.append(table(title, factor_column, *columns))
+    return [*blocks, *(Prose(criterion_sentence(criterion, sweep)) for criterion in criteria)]
+
+
+def sweep_phrase(sweep: Sweep) -> str:
+    """Return the degree of flexibility from which a rigid model fails each criterion."""
+    texts = []
+    for criterion in criteria_of(sweep.points):
+        if criterion.degree is not None:
+            where = f"from {criterion.degree:.3g} on"
+        elif _fails_first(criterion):
+            where = "on every structure"
+        else:
+            where = "on none"
+        texts.append(f"{criterion.name} {where}")
+    return f"degree of flexibility from which a rigid model fails: {', '.join(texts)}"
+
+
+def _fails_first(criterion: Criterion) -> bool:
+    """Return whether a rigid model fails the criterion on the stiffest structure."""
+    if criterion.below:
+        return criterion.values[0] < criterion.limit
+    return criterion.values[0] > criterion.limit
+
+
+def criterion_sentence(criterion: Criterion, sweep: Sweep) -> str:
+    """Return a sentence on the structure from which a rigid model fails the criterion."""
+    if criterion.degree is None or criterion.frequency_factor is None:
+        where = "on none of the sweep, or not from one on"
+        if _fails_first(criterion):
+            where = "on every structure of the sweep"
+        return f"{criterion.sentence}: {where}"
+    first, last = sweep.points[0].figures.degree, sweep.points[-1].figures.degree
+    where = (
+        f"from a degree of flexibility of {criterion.degree:.3g} on (frequencies by "
+        f"{criterion.frequency_factor:.3g})"
+    )
+    return f"{criterion.sentence} {where}; the sweep goes from {first:.2g} to {last:.2g}"
+
+
+def _criterion_cell(name: str, value: float) -> Cell:
+    """Return the value of a criterion; that of whiteness is the logarithm of a probability."""
+    if name != "whiteness":
+        return Number(value, digits=0)
+    probability = 10.0**value
+    text = f"{probability:.2g}" if value > LEAST_LOG_PROBABILITY else f"< 1e{LEAST_LOG_PROBABILITY}"
+    return Number(probability, shown=text)
+
+
+def _error_cell(point: SweepPoint, method: int, name: str) -> Cell:
+    percent, sigmas = point.methods[method].errors(name)
+    return Number(percent, shown=f"{percent:+.1f} ({sigmas:+.1f})")

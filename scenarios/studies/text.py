@@ -1,4 +1,4 @@
-"""A study in the terminal: tables and sentences."""
+"""A study in the terminal and on its page: tables and sentences."""
 
 from __future__ import annotations
 
@@ -10,25 +10,31 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from ident.estimate import Outcome
 from scenarios.report.document import (
     PURE,
     SIGMAS,
     Block,
+    Bullets,
     Cell,
     Column,
     Number,
+    Page,
     Prose,
+    Section,
+    as_sentence,
+    capital,
     formatted,
     known,
+    now,
+    reproduction,
+    section,
+    summary_sentences,
     table,
 )
-from scenarios.report.quantities import (
-    console,
-    derived_line,
-    is_frequency,
-    shown_in,
-    test_line,
-)
+from scenarios.report.figure_formats import Drawn
+from scenarios.report.folder import first_figure
+from scenarios.report.quantities import console, derived_line, is_frequency, shown_in, test_line
 from scenarios.report.summary import (
     BELOW,
     TEXT,
@@ -39,7 +45,15 @@ from scenarios.report.summary import (
     residual_phrase,
     result_phrase,
 )
-from scenarios.report.terminal import estimates_table, show_blocks, show_table
+from scenarios.report.terminal import (
+    derived_table,
+    estimates_table,
+    fixed_table,
+    levels_of_noise,
+    show_blocks,
+    show_table,
+    tests_table,
+)
 from scenarios.studies.comparison import (
     HEADING,
     choice_lines,
@@ -50,7 +64,7 @@ from scenarios.studies.comparison import (
     reference_lines,
     vehicle_line,
 )
-from scenarios.studies.published import Row
+from scenarios.studies.declaration import Row
 from scenarios.studies.study import (
     MethodDetermination,
     MethodResult,
@@ -58,7 +72,8 @@ from scenarios.studies.study import (
     StudyResult,
     flexibility_sentences,
 )
-from scenarios.studies.sweep import Criterion, Sweep, SweepPoint, criteria_of
+from scenarios.studies.sweep import sweep_blocks, sweep_phrase
+from sim.truth.flight import EXACT, INTEGRATION_TOLERANCE, Truth
 
 # ---- What records and priors determine, in the terminal
 
@@ -143,110 +158,6 @@ def _direction(method: MethodDetermination, number: int) -> str:
     parts = method.found.composition(number, MOST_NAMED_PARTS)
     combination = " ".join(f"{part:+.2f} {name}" for name, part in parts).removeprefix("+")
     return f"{method.found.strengths[number]:.2g} times the prior ({combination})"
-
-
-# ---- A sweep in the terminal
-
-LEAST_LOG_PROBABILITY = -20  # decimal logarithm of the smallest probability that is printed
-# Criterion -> heading of its column; empty for none.
-HEADINGS = {"likelihood": "BIC gain of a mode", "whiteness": "p(white)", "misfit": ""}
-
-
-def sweep_blocks(sweep: Sweep) -> list[Block]:
-    """Return the tables of criteria and of errors by structure, and sentences on the criteria."""
-    criteria, points = criteria_of(sweep.points), sweep.points
-    names = {mark.frequency_factor: mark.label for mark, _ in sweep.marks}
-    factors: list[Cell] = []
-    for point in points:
-        factor = point.frequency_factor
-        factors.append(Number(factor, shown=f"{factor:g} {names.get(factor, '')}".strip()))
-    factor_column = (Column("frequencies", PURE, left=True), factors)
-    properties = [point.figures for point in points]
-    blocks: list[Block] = [
-        table(
-            "structures from stiff to soft",
-            factor_column,
-            (Column("degree", PURE), [Number(item.degree, digits=4) for item in properties]),
-            (
-                Column("stiffness lost", "%"),
-                [Number(100 * item.stiffness_loss, digits=1) for item in properties],
-            ),
-            (Column("misfit/noise", PURE), [Number(item.misfit, digits=2) for item in properties]),
-            *(
-                (
-                    Column(HEADINGS[criterion.name], PURE),
-                    [_criterion_cell(criterion.name, value) for value in criterion.values],
-                )
-                for criterion in criteria
-                if HEADINGS[criterion.name]
-            ),
-        )
-    ]
-    for number, method in enumerate(points[0].methods):
-        title = (
-            f"{method.estimation.label}: error against the condensed derivatives in % (in standard "
-            "deviations)"
-        )
-        columns = [
-            (
-                Column(name, "%", printed=name),
-                [_error_cell(point, number, name) for point in points],
-            )
-            for name in sweep.rigid
-            if name in method.names
-        ]
-        blocks.append(table(title, factor_column, *columns))
-    return [*blocks, *(Prose(criterion_sentence(criterion, sweep)) for criterion in criteria)]
-
-
-def sweep_phrase(sweep: Sweep) -> str:
-    """Return the degree of flexibility from which a rigid model fails each criterion."""
-    texts = []
-    for criterion in criteria_of(sweep.points):
-        if criterion.degree is not None:
-            where = f"from {criterion.degree:.3g} on"
-        elif _fails_first(criterion):
-            where = "on every structure"
-        else:
-            where = "on none"
-        texts.append(f"{criterion.name} {where}")
-    return f"degree of flexibility from which a rigid model fails: {', '.join(texts)}"
-
-
-def _fails_first(criterion: Criterion) -> bool:
-    """Return whether a rigid model fails the criterion on the stiffest structure."""
-    if criterion.below:
-        return criterion.values[0] < criterion.limit
-    return criterion.values[0] > criterion.limit
-
-
-def criterion_sentence(criterion: Criterion, sweep: Sweep) -> str:
-    """Return a sentence on the structure from which a rigid model fails the criterion."""
-    if criterion.degree is None or criterion.frequency_factor is None:
-        where = "on none of the sweep, or not from one on"
-        if _fails_first(criterion):
-            where = "on every structure of the sweep"
-        return f"{criterion.sentence}: {where}"
-    first, last = sweep.points[0].figures.degree, sweep.points[-1].figures.degree
-    where = (
-        f"from a degree of flexibility of {criterion.degree:.3g} on (frequencies by "
-        f"{criterion.frequency_factor:.3g})"
-    )
-    return f"{criterion.sentence} {where}; the sweep goes from {first:.2g} to {last:.2g}"
-
-
-def _criterion_cell(name: str, value: float) -> Cell:
-    """Return the value of a criterion; that of whiteness is the logarithm of a probability."""
-    if name != "whiteness":
-        return Number(value, digits=0)
-    probability = 10.0**value
-    text = f"{probability:.2g}" if value > LEAST_LOG_PROBABILITY else f"< 1e{LEAST_LOG_PROBABILITY}"
-    return Number(probability, shown=text)
-
-
-def _error_cell(point: SweepPoint, method: int, name: str) -> Cell:
-    percent, sigmas = point.methods[method].errors(name)
-    return Number(percent, shown=f"{percent:+.1f} ({sigmas:+.1f})")
 
 
 # ---- A study in the terminal
@@ -439,3 +350,154 @@ def with_display(study: StudyResult, rows: Iterable[Row]) -> list[Row]:
         if row.name in study.scenario.display:
             displayed.append(in_unit(row, study.scenario.display[row.name]))
     return displayed
+
+
+# ---- The page of a study
+
+SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
+
+
+def study_page(study: StudyResult, drawn: Sequence[Drawn] = ()) -> Page:
+    """Return the page of a study with the figures ``drawn``."""
+    scenario, main = study.scenario, study.main
+    outcome = main.result.estimate.outcome
+    white = all(test.passed for test in main.tests)
+    tone = "open" if outcome not in SETTLED else "good" if white else "fair"
+    files = [("model", file.name, file.sha256) for file in scenario.files]
+    first, others = first_figure(drawn)
+    return Page(
+        title=capital(scenario.title),
+        kind=f"Study {scenario.name}, {main.estimation.label}",
+        verdict=outcome.value.partition(":")[0].partition(",")[0],
+        tone=tone,
+        sentence=capital(within_line(main.rows, "condensed" if scenario.condensed else "true")),
+        summary=summary_sentences(study_summary(study)),
+        warnings=tuple(as_sentence(line) for line in (main.result.estimate.message,) if line),
+        sections=(
+            *section("Recorded and estimated", *first),
+            *section("Estimates", *_estimates(study, main)),
+            *section(
+                "Other methods", parts=tuple(_method(study, method) for method in study.methods[1:])
+            ),
+            *section(
+                "Repeated flights", *(repeated_blocks(study.repeated) if study.repeated else ())
+            ),
+            *section(
+                "What the record determines",
+                *(determination_blocks(study.determinations) if study.determinations else ()),
+            ),
+            *section(
+                "Structures from stiff to soft",
+                *(sweep_blocks(study.sweep) if study.sweep is not None else ()),
+            ),
+            *section("Further figures", *others),
+            *section("Residuals and noise", *_residual_blocks(study)),
+            *section("How it was made", *_provenance(study)),
+        ),
+        reproduction=reproduction(
+            ("flightid", "run", scenario.name, "--seed", str(study.seed)),
+            f"Seed {study.seed}.",
+            files,
+        ),
+        created=now(),
+    )
+
+
+def within_line(rows: Sequence[Row], reference: str) -> str:
+    """Return how many estimates are within two sigmas of the reference; empty without one."""
+    errors = [abs(row.sigmas) for row in rows if row.sigmas is not None and row.std > 0.0]
+    if not errors:
+        return ""
+    if len(errors) == 1:
+        return f"the estimate lies {errors[0]:.1f} of its sigmas from the {reference} value"
+    inside = sum(error <= 2.0 for error in errors)
+    return (
+        f"{inside} of {len(errors)} estimates lie within two of their sigmas of the {reference} "
+        f"value; the largest error is {max(errors):.1f} sigmas"
+    )
+
+
+def _estimates(
+    study: StudyResult, method: MethodResult, shown_before: Sequence[str] = ()
+) -> list[Block]:
+    """Return tables and sentences of a method, without sentences that were ``shown_before``."""
+    scenario, estimation = study.scenario, method.estimation
+    estimate = method.result.estimate
+    flown = scenario.flown
+    sentences = (
+        other_flight_line(scenario, estimation),
+        levels_line(method.levels, flown, method.tests) if flown is not None else "",
+        estimation.explanation,
+        *reference_lines(method.rows, estimation),
+    )
+    blocks: list[Block] = [
+        estimates_table(
+            f"{capital(estimation.label)}: {estimate.outcome.value}",
+            with_display(study, method.rows),
+        )
+    ]
+    blocks += [derived_table("Derived quantities", method.derived)] if method.derived else []
+    return [
+        *blocks,
+        *(Prose(as_sentence(line)) for line in sentences if line and line not in shown_before),
+    ]
+
+
+def _method(study: StudyResult, method: MethodResult) -> Section:
+    shown_before = reference_lines(study.methods[0].rows, study.methods[0].estimation)
+    choices = Bullets(tuple(choice_lines(method.estimation.choices)))
+    tests = Prose(as_sentence(test_line(method.tests))) if method.tests else None
+    blocks = _estimates(study, method, shown_before)
+    return section(capital(method.estimation.label), *blocks, tests, choices)[0]
+
+
+def _residual_blocks(study: StudyResult) -> list[Block]:
+    blocks: list[Block] = []
+    for method in study.methods:
+        estimate, record = method.result.estimate, method.result.record
+        label = f" ({method.estimation.label})" if len(study.methods) > 1 else ""
+        units = {channel.name: channel.unit for channel in record.outputs}
+        noise = {
+            name: (float(std), units.get(name, "1"))
+            for name, std in zip(estimate.output_names, estimate.noise_std, strict=True)
+        }
+        blocks += [tests_table(f"Residual tests{label}", method.tests)] if method.tests else []
+        blocks += [levels_of_noise(f"Sensor noise{label}", noise)]
+    return blocks
+
+
+def _integration_sentence(truth: Truth) -> str:
+    if truth.step is not None:
+        return f"The motion is integrated in steps of {truth.step:g} s."
+    if truth.method == EXACT:
+        return "The motion is the exact solution of the linear equations of the aircraft."
+    error = f"a relative error of {INTEGRATION_TOLERANCE:g}"
+    return f"The motion is integrated by {truth.method} to {error}."
+
+
+def _provenance(study: StudyResult) -> list[Block]:
+    """Return sentences on flight, model, engine, choices and vehicle, and a table of constants."""
+    scenario, record = study.scenario, study.record
+    vehicle = vehicle_line(scenario.flight)
+    blocks: list[Block] = [Prose(as_sentence(scenario.about))] if scenario.about else []
+    flight = (
+        f"Flight and model: {distance_text(scenario.distance)}. {len(record)} samples in "
+        f"{record.time[-1]:g} s."
+    )
+    blocks += [Prose(f"{flight} {_integration_sentence(study.truth)}")]
+    if line := engine_line([method.estimation for method in study.methods]):
+        blocks += [Prose(as_sentence(line))]
+    if study.flexibility is not None:
+        blocks += [
+            Prose(as_sentence(line))
+            for line in flexibility_sentences(study.flexibility, scenario.flight.noise_std)
+        ]
+    blocks += [Prose(as_sentence(note)) for note in study.notes]
+    if scenario.choices:
+        blocks += [
+            Prose("Chosen for this study, not published or published otherwise:"),
+            Bullets(tuple(choice_lines(scenario.choices))),
+        ]
+    blocks += [Prose(as_sentence(vehicle))] if vehicle else []
+    blocks += [fixed_table("Constants", study.main.fixed)] if study.main.fixed else []
+    return blocks

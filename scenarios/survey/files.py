@@ -25,7 +25,6 @@ from scenarios.report.document import (
 from scenarios.report.figure_formats import USUAL as USUAL_FORMATS
 from scenarios.report.figure_formats import Drawn, Formats
 from scenarios.report.folder import figures, write_page
-from scenarios.survey.derivatives import Derivative
 from scenarios.survey.flights import FOLDER
 from scenarios.survey.growing import MAIN
 from scenarios.survey.recurring import LIBRARY_SIZE
@@ -47,7 +46,7 @@ from scenarios.survey.report import (
     verdict_of,
     verdicts_phrase,
 )
-from scenarios.survey.survey import SurveyResult
+from scenarios.survey.survey import Derivative, SurveyResult
 
 if TYPE_CHECKING:
     from scenarios.plots.drawing import Named
@@ -241,7 +240,6 @@ def _sentences(phrases: Iterable[str]) -> tuple[str, ...]:
 
 
 def _tone(survey: SurveyResult) -> str:
-    """Return the colour word of the verdict."""
     if not survey.survey_files.diagnoses:
         return "open"
     unexplained = survey.verdicts.get(Verdict.UNEXPLAINED.value)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from scenarios.files.aircraft_files import toml_string
 from scenarios.files.declarations import checked, read_toml_source, toml_of
 from scenarios.files.sources import InputFile, Source, json_or_none, own_version
 from scenarios.files.units import to_si
@@ -42,23 +43,18 @@ def changed(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
 
 def toml_text(content: Mapping[str, Any]) -> str:
     """Return the content of a TOML file as text: one line for each key, tables inline."""
-    return "".join(f"{_text(key)} = {_inline(value)}\n" for key, value in content.items())
+    return "".join(f"{toml_string(key)} = {_inline(value)}\n" for key, value in content.items())
 
 
 def _inline(value: Any) -> str:
     if isinstance(value, float):
         return repr(value)  # TOML has inf and nan
     if isinstance(value, Mapping):
-        entries = [f"{_text(key)} = {_inline(entry)}" for key, entry in value.items()]
+        entries = [f"{toml_string(key)} = {_inline(entry)}" for key, entry in value.items()]
         return f"{{{', '.join(entries)}}}"
     if isinstance(value, Sequence) and not isinstance(value, str):
         return "[" + ", ".join(map(_inline, value)) + "]"
-    return _text(value) if isinstance(value, str) else json.dumps(value, default=str)
-
-
-def _text(value: str) -> str:
-    # JSON and TOML write texts alike, except for the character DEL.
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return toml_string(value) if isinstance(value, str) else json.dumps(value, default=str)
 
 
 # ---- The flights of a survey as its file declares them
@@ -235,7 +231,6 @@ def _listed(entry: SurveyEntry, root: Path, where: str) -> list[FlightEntry]:
 
 
 def _name_of(entry: FlightEntry, where: str, number: int) -> str:
-    """Return the name of a flight: the given one, else that of its first record."""
     from scenarios.files.schemas import FOLDER_NAME
 
     if (entry.record is None) == (entry.records is None):

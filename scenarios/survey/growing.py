@@ -12,7 +12,7 @@ import os
 import socket
 import sys
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -27,7 +27,7 @@ from scenarios.files.writing import study_folder, write_json
 from scenarios.report.figure_formats import Formats
 from scenarios.survey.flights import FOLDER, Diagnoses, Flights, SurveyFlight, stored_diagnosis
 from scenarios.survey.flights import KEPT as KEPT_FILES
-from scenarios.tasks.study import TaskRequest, run_study
+from scenarios.tasks.study import ShowProgress, TaskRequest, run_study
 from scenarios.tasks.work import Row, Task
 from sim.errors import FlightidError
 
@@ -252,7 +252,6 @@ class _EffectSetFits:
 
 
 def _units(effect: Traceable) -> dict[str, str]:
-    """Return free parameter -> unit."""
     return {item.name: item.unit for item in effect.parameters if item.free}
 
 
@@ -386,7 +385,6 @@ def sent(work: Diagnoses | PooledFits) -> Sent:
 
 
 def _inputs(flight: SurveyFlight) -> list[Path]:
-    """Return the files that the work on a flight reads."""
     model = [Path(flight.model)] if is_model_file(flight.model) else []
     return [
         *flight.records,
@@ -414,7 +412,6 @@ def _unpacked(text: str) -> dict[str, bytes]:
 
 MAIN = "survey.json"
 GROWING_SCHEMA = "flightid/survey/1"
-Tell = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -451,7 +448,7 @@ def survey_files(
     folder: Path,
     jobs: int = 1,
     figures: Formats = (),
-    tell: Tell = lambda stage, share: None,
+    show_progress: ShowProgress = lambda stage, share: None,
     cluster: str | None = None,
 ) -> SurveyFiles:
     """Diagnose the flights without results in the folder, and return all results.
@@ -471,7 +468,7 @@ def survey_files(
     if missing:
         work = Diagnoses(missing, folder, figures)
         try:
-            table = run_flights(work, len(missing), jobs, folder, tell, cluster)
+            table = run_flights(work, len(missing), jobs, folder, show_progress, cluster)
             ended = len(table)
         except KeyboardInterrupt:
             ended, table = 0, None
@@ -507,7 +504,7 @@ def run_flights(
     count: int,
     jobs: int,
     folder: Path,
-    tell: Tell,
+    show_progress: ShowProgress,
     cluster: str | None,
 ) -> RowTable:
     """Do the work of a survey on ``count`` flights, and return its rows. Raises as ``run_study``.
@@ -517,7 +514,7 @@ def run_flights(
     task_request = TaskRequest(
         count, 0, max(1, min(jobs, count)), cluster=cluster, unit="flights", elsewhere=folder
     )
-    return run_study(work if cluster is None else sent(work), task_request, tell)
+    return run_study(work if cluster is None else sent(work), task_request, show_progress)
 
 
 def last_survey(folder: Path) -> Mapping[str, Any]:

@@ -10,12 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.pooling import (
-    Evidence,
-    Recurrence,
-    pool_values,
-    recurrence,
-)
+from ident.pooling import Evidence, Recurrence, pool_values, recurrence
 
 # ---- Which effects may recur
 

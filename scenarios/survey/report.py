@@ -28,11 +28,10 @@ from scenarios.report.document import (
 from scenarios.report.quantities import number_text, shown_in, spaced
 from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
-from scenarios.survey.derivatives import FALSE_DISCOVERY_RATE, Derivative
 from scenarios.survey.flights import FOLDER
 from scenarios.survey.growing import GROWING_SCHEMA
 from scenarios.survey.recurring import EQUAL_CHI_SQUARE, LIBRARY_SIZE, Recurring
-from scenarios.survey.survey import SurveyResult
+from scenarios.survey.survey import FALSE_DISCOVERY_RATE, Derivative, SurveyResult
 
 # ---- Sentences and tables for terminal, page and JSON
 

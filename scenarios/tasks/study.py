@@ -138,7 +138,6 @@ def run_study(
 
 
 def _run_in_memory(work: Work, request: TaskRequest, show_progress: ShowProgress) -> RowTable:
-    """Run all tasks without storing their rows in a folder."""
     if request.resume:
         raise FlightidError(
             "there is no folder to go on with",

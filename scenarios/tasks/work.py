@@ -375,7 +375,6 @@ LONGEST_VALUE = 79  # characters of a value in a message
 
 
 def _shown(value: Any) -> str:
-    """Return a JSON value as a short text for messages."""
     text = "nothing" if value is None else json.dumps(value, ensure_ascii=False)
     return text if len(text) <= LONGEST_VALUE else f"{text[: LONGEST_VALUE - 2]}..."
 

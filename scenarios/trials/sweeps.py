@@ -7,7 +7,7 @@ command. A new scenario is a file in `catalog` with ``kind = "sweep"``.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -21,6 +21,7 @@ from ident.estimate import Estimate, Outcome
 from scenarios.files.declarations import checked
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_record, write_text
+from scenarios.plots import draw_into
 from scenarios.preparation.plan import Request
 from scenarios.report.document import (
     Block,
@@ -45,7 +46,7 @@ from scenarios.responses.loops import MINUS, UNITS, loop_tables, margin_lines, m
 from scenarios.responses.reading import Names
 from scenarios.responses.report import fit_lines, fit_tables, responses_csv
 from scenarios.studies.comparison import SCHEMA, distance_text, estimate_content
-from scenarios.studies.published import Row
+from scenarios.studies.declaration import Row
 from scenarios.studies.schema import Quantity, Strict, positive, positive_si, si
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import LoopNoise, loop_test, open_loop
@@ -55,6 +56,8 @@ from sim.record import Channel, Hold, Record
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from scenarios.plots.drawing import Named
 
 MOST_SAMPLES = 200_000  # over all flights
 
@@ -517,22 +520,21 @@ def write_sweep(study: SweepStudy, folder: str | Path, *, figures: Formats = USU
         tables = [responses_csv(found).partition("\n") for found in estimates]
         text = tables[0][0] + "\n" + "".join(rows for _, _, rows in tables)  # one header
         write_text(scratch / "responses.csv", text)
-        figure_files: tuple[Drawn, ...] = ()
-        if figures:
-            from scenarios.plots import flying_qualities as drawing
-            from scenarios.plots.drawing import draw_for_page
-
-            named: list[tuple[str, Any]] = [
-                ("response", partial(drawing.figure_response, study.response or study.loop))
-            ]
-            if study.response is not None:
-                named.append(("mismatch", partial(drawing.figure_mismatch, study.response)))
-            named.append(("loop", partial(drawing.figure_margins, study.loop)))
-            figure_files = draw_for_page(named, scratch, figures)
-        write_page(scratch, sweep_page(study, figure_files))
+        drawn = draw_into(scratch, sweep_figures(study), figures)
+        write_page(scratch, sweep_page(study, drawn))
         write_json(scratch / "truth.json", truth_content(study))
         write_json(scratch / MAIN, sweep_comparison(study))
     return Path(folder)
+
+
+def sweep_figures(study: SweepStudy) -> Iterator[Named]:
+    """Yield the figures of the responses: file stem and drawing function."""
+    from scenarios.plots import flying_qualities as drawing
+
+    yield "response", partial(drawing.figure_response, study.response or study.loop)
+    if study.response is not None:
+        yield "mismatch", partial(drawing.figure_mismatch, study.response)
+    yield "loop", partial(drawing.figure_margins, study.loop)
 
 
 def truth_content(study: SweepStudy) -> dict[str, Any]:

@@ -47,7 +47,7 @@ from scenarios.preparation.measured_inputs import (
 )
 from scenarios.preparation.plan import BY_HAND
 from scenarios.studies.comparison import estimate_content
-from scenarios.studies.published import rows_of
+from scenarios.studies.declaration import rows_of
 from scenarios.watching.rows import LOES, StreamSignals
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, System

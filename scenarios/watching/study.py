@@ -39,7 +39,7 @@ from scenarios.report.folder import CONTENT, write_page
 from scenarios.report.summary import PAGE
 from scenarios.report.terminal import derived_table, estimates_table, fixed_table
 from scenarios.studies.comparison import DERIVED_UNITS, SCHEMA, estimate_content
-from scenarios.studies.published import Row, rows_of
+from scenarios.studies.declaration import Row, rows_of
 from scenarios.watching.reference import (
     CrossValidation,
     Reference,

@@ -311,7 +311,7 @@ def has_table(name: str) -> bool:
 @cache
 def _document() -> Mapping[str, Any]:
     return tomllib.loads(
-        files("scenarios.studies.published").joinpath(FILE).read_text(encoding="utf-8")
+        files("scenarios.studies").joinpath("published", FILE).read_text(encoding="utf-8")
     )
 
 

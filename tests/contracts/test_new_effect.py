@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import sim.effects.sensor_path
-from scenarios.commands.libraries import show_effects
+from scenarios.cli.libraries import show_effects
 from scenarios.diagnosis.diagnose import Tracing, diagnose_files
 from scenarios.diagnosis.report.files import write_diagnosis
 from scenarios.diagnosis.report.text import diagnosis_text

@@ -15,7 +15,7 @@ FLYING = ("tests/unit/scenarios/studies/test_flying.py",)
 DELAYS = ("tests/unit/ident/banks/test_delay_bank.py",)
 FREQUENCY_FIT = ("tests/unit/ident/frequency_domain/test_fit.py",)
 SETTING = ("tests/unit/scenarios/maneuver_design/test_setting.py",)
-MACHINE = ("tests/unit/scenarios/trials/jsbsim/test_machine.py",)
+MACHINE = ("tests/unit/scenarios/trials/test_jsbsim_machine.py",)
 TERMS = ("tests/unit/exam/hidden_terms/test_terms.py",)
 
 
@@ -85,7 +85,7 @@ ONCE_UNNOTICED = (
     ),
     *changes(
         "scenarios/trials/sweeps.py",
-        ("tests/unit/scenarios/trials/sweeps/test_sweeps.py",),
+        ("tests/unit/scenarios/trials/test_sweeps.py",),
         (
             "decay * p + now * delayed[n + 1] + before * delayed[n]",
             "decay * p + now * delayed[n] + before * delayed[n + 1]",
@@ -135,7 +135,7 @@ ONCE_UNNOTICED = (
         ("maneuver.sigmas.items() if math.isfinite(std)", "maneuver.sigmas.items()"),
     ),
     *changes(
-        "scenarios/trials/jsbsim/machine.py",
+        "scenarios/trials/jsbsim_machine.py",
         MACHINE,
         ("math.radians(75.0)", "math.radians(60.0)"),
         ("math.radians(75.0)", "75.0"),
@@ -637,7 +637,7 @@ SCENARIOS = (
         ("        )\n        / share,", "        )\n        * share,"),
     ),
     *changes(
-        "scenarios/survey/derivatives.py",
+        "scenarios/survey/survey.py",
         ("tests/unit/scenarios/survey/test_derivatives.py",),
         (" / effect.recurrence.probability[number]", ""),
     ),
@@ -738,7 +738,7 @@ RECORDS = (
         ("np.concatenate(values)[before], np.nan)", "np.concatenate(values)[before], 0.0)"),
     ),
     *changes(
-        "scenarios/files/formats/ardupilot.py",
+        "scenarios/files/formats/autopilots.py",
         ("tests/unit/scenarios/files/test_forms.py",),
         ('float(f"{float(cells[2]):.7g}")', "1.0"),
         (

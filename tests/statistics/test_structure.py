@@ -44,7 +44,7 @@ def _wave(time: np.ndarray, size: float, rng: np.random.Generator) -> np.ndarray
 
 def _maneuver(number: int) -> tuple[Record, Aircraft]:
     """An airliner between 170 and 215 m/s and 0.5 and 3 km, surfaces moved at once."""
-    machine = pytest.importorskip("scenarios.trials.jsbsim.machine")
+    machine = pytest.importorskip("scenarios.trials.jsbsim_machine")
     rng = np.random.default_rng(number)
     speed = 170.0 + 45.0 * ((7 * number) % 30) / 29.0
     height = 500.0 + 2500.0 * ((11 * number) % 30) / 29.0

@@ -57,6 +57,7 @@ def python_pages() -> Iterator[tuple[str, str]]:
 def _page(name: str, kind: str) -> str:
     directive = {"functions": "autofunction", "results": "autoclass", "modules": "automodule"}[kind]
     members = "" if kind == "functions" else "   :members:\n"
+    members += "   :inherited-members: Mapping\n" if kind == "results" else ""
     # A module is indexed where its package is described.
     members += "   :no-index:\n" if kind == "modules" else ""
     text = f"# flightid.{name}\n\n```{{eval-rst}}\n.. {directive}:: flightid.{name}\n{members}```\n"

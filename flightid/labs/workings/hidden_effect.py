@@ -141,7 +141,7 @@ def changes(seed: int) -> tuple[str, tuple[str, ...]]:
 def flown(seed: int) -> Flown:
     """Return the two flights of a seed."""
     from scenarios.studies.catalogue import load_document
-    from scenarios.trials.planted.flights import fly_trace, trace_scenario_of, write_simulated
+    from scenarios.trials.planted_flights import fly_trace, trace_scenario_of, write_simulated
 
     found = fly_trace(trace_scenario_of(*load_document(*changes(seed))), seed)
     folder = Scratch()

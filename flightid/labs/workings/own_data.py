@@ -20,7 +20,7 @@ from flightid.labs.workings.trying import PREFIX, Scratch
 
 if TYPE_CHECKING:
     import flightid
-    from scenarios.trials.planted.flights import SimulatedTrace
+    from scenarios.trials.planted_flights import SimulatedTrace
     from sim.record import Record
 
 Found = TypeVar("Found")
@@ -261,7 +261,7 @@ def channel_rows(records: Sequence[flightid.Record]) -> list[list[str]]:
 @cache
 def _flown() -> SimulatedTrace:
     from scenarios.studies.catalogue import load_document
-    from scenarios.trials.planted.flights import fly_trace, trace_scenario_of
+    from scenarios.trials.planted_flights import fly_trace, trace_scenario_of
 
     return fly_trace(trace_scenario_of(*load_document(EXAMPLE, SHORT)), 1)
 

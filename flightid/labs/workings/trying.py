@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from scenarios.studies.campaign import CampaignRuns
-    from scenarios.studies.published import Row
+    from scenarios.studies.declaration import Row
     from scenarios.studies.study import MethodResult, StudyResult
 
 KEPT = 64  # studies in the cache, some hundred kB each

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -321,31 +321,24 @@ class Topic:
         return f"<Topic {self.name or '(only one)'}: {self.table!r}>"
 
 
-class Reader(Protocol):
-    """A module of this package that reads one format.
+@dataclass(frozen=True)
+class Reader:
+    """The reader of one format.
 
     Attributes
     ----------
-    FORMAT : name of the format.
-    SUFFIXES : suffixes of its files.
-    MAGIC : first bytes of its files. A mark that begins with a line break may be at the begin of
+    name : name of the format.
+    suffixes : suffixes of its files.
+    magic : first bytes of its files. A mark that begins with a line break may be at the begin of
         any of the first lines.
-    EXTRA : group of optional dependencies in ``pyproject.toml`` with the library of the format;
-        empty if none is needed.
+    read : function of path and content that returns the topics of a file; it raises RecordError if
+        the file is damaged or has no table.
     """
 
-    FORMAT: str
-    SUFFIXES: tuple[str, ...]
-    MAGIC: tuple[bytes, ...]
-    EXTRA: str
-
-    def read(self, path: Path, raw: bytes) -> tuple[Topic, ...]:
-        """Return the topics of a file with the content ``raw``.
-
-        Raises
-        ------
-        RecordError : if the file is damaged or has no table.
-        """
+    name: str
+    suffixes: tuple[str, ...]
+    magic: tuple[bytes, ...]
+    read: Callable[[Path, bytes], tuple[Topic, ...]]
 
 
 def table_of_columns(

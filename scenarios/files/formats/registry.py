@@ -56,17 +56,16 @@ UNPACKED_AT_ONCE = 1 << 20  # bytes that are unpacked before the size is checked
 
 
 @lru_cache(maxsize=1)
-def readers() -> dict[str, Reader]:
-    """Return module name -> reader, in alphabetical order. ``text`` is the last one, since it reads
-    every file that has no other format.
+def readers() -> tuple[Reader, ...]:
+    """Return the readers of all modules. That of text is the last one, since it reads every file
+    that has no other format.
     """
-    names = sorted(
-        module.name
-        for module in pkgutil.iter_modules(formats.__path__)
-        if module.name not in NOT_READERS
-    )
-    ordered = [*(name for name in names if name != "text"), "text"]
-    return {name: importlib.import_module(f"{formats.__name__}.{name}") for name in ordered}
+    names = {module.name for module in pkgutil.iter_modules(formats.__path__)}
+    modules = [
+        importlib.import_module(f"{formats.__name__}.{name}")
+        for name in [*sorted(names - {*NOT_READERS, "text"}), "text"]
+    ]
+    return tuple(reader for module in modules for reader in module.READERS)
 
 
 def reader_for(path: Path, raw: bytes) -> Reader:
@@ -74,14 +73,15 @@ def reader_for(path: Path, raw: bytes) -> Reader:
 
     Several formats are ZIP archives: for these the suffix decides first.
     """
-    text, suffix = readers()["text"], path.suffix.lower()
-    by_suffix = next((reader for reader in readers().values() if suffix in reader.SUFFIXES), text)
+    *_, text = readers()
+    suffix = path.suffix.lower()
+    by_suffix = next((reader for reader in readers() if suffix in reader.suffixes), text)
     if raw.startswith(ZIP) and by_suffix is not text:
         return by_suffix
-    for reader in readers().values():
-        if any(begins_with(raw, mark) for mark in reader.MAGIC):
-            return reader
-    return by_suffix
+    by_mark = (
+        reader for reader in readers() if any(begins_with(raw, mark) for mark in reader.magic)
+    )
+    return next(by_mark, by_suffix)
 
 
 def topics_of(source: Source) -> tuple[Topic, ...]:

@@ -27,6 +27,7 @@ from scenarios.files.formats.cells import (
     MISSING,
     MOST_HEADS,
     CellTable,
+    Reader,
     Topic,
     has_decimal_comma,
     has_number,
@@ -39,11 +40,6 @@ from scenarios.files.formats.cells import (
     without_brackets,
 )
 from sim.errors import RecordError
-
-FORMAT = "text"
-SUFFIXES = (".csv", ".txt", ".asc", ".dat", ".tsv", ".tab", ".log")
-MAGIC: tuple[bytes, ...] = ()
-EXTRA = ""
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 BLANKS = " "
@@ -136,7 +132,6 @@ class Layout(NamedTuple):
 
 
 def _layout(path: Path, text: str) -> Layout:
-    """Return the layout of a text; raise RecordError if its separator cannot be decided."""
     first, above = _header_at(text)
     declared = _SEPARATOR_LINE.fullmatch(above[0]) if above else None
     if declared is not None:
@@ -260,7 +255,7 @@ def _unnamed(layout: Layout, width: int, file: str) -> tuple[tuple[str, ...], tu
     """
     cells = _commented_header(layout, width)
     if not cells:
-        return _numbered(width), ()
+        return tuple(UNNAMED.format(n + 1) for n in range(width)), ()
     note = f"the header is the comment in row {len(layout.above)}"
     return tuple(header_cell(cell, file) for cell in cells), (note,)
 
@@ -277,10 +272,6 @@ def _commented_header(layout: Layout, width: int) -> tuple[str, ...]:
     if len(cells) != width or any(map(is_number, cells)):
         return ()
     return cells if any(map(is_known, cells)) else ()
-
-
-def _numbered(count: int) -> tuple[str, ...]:
-    return tuple(UNNAMED.format(n + 1) for n in range(count))
 
 
 def _are_titles(above: Sequence[str]) -> list[bool]:
@@ -598,3 +589,6 @@ def _first_row(path: Path, text: str, separator: str, above: int) -> list[str]:
 
 def _of_equal_width(lines: Rows) -> bool:
     return len(lines) > 1 and all(len(cells) == len(lines[0][1]) for _, cells in lines)
+
+
+READERS = (Reader("text", (".csv", ".txt", ".asc", ".dat", ".tsv", ".tab", ".log"), (), read),)

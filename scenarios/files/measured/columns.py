@@ -16,6 +16,7 @@ from scenarios.files.declarations import (
     STICK,
     ColumnChoice,
     closest,
+    refuse_unknown,
     shortened_list,
     split_header,
 )
@@ -114,10 +115,7 @@ def find_column(
         unit is unknown or has the wrong dimension, or if the units in the header and under it
         differ.
     """
-    if channel not in channel_units:
-        raise RecordError(
-            f"there is no channel {channel!r}", where=file, remedy=closest(channel, channel_units)
-        )
+    refuse_unknown("channel", channel, channel_units, file, RecordError)
     default = (units or {}).get(channel, channel_units[channel])
     inside = program_unit(channel, channel_units)
     if choices is not None and channel in choices:
@@ -257,7 +255,6 @@ def _same_unit(unit: str, other_unit: str, inside: str) -> bool:
 
 
 def _convertible(column: SourceColumn, file: str) -> SourceColumn:
-    """Return the column; raise RecordError if its unit cannot be converted."""
     fault = _unit_fault(column, file)
     if fault is not None:
         raise fault
@@ -380,7 +377,6 @@ def read_sidecar(record: Path) -> Sidecar:
 
 
 def _sidecar_of(content: Mapping[str, Any], path: Path) -> Sidecar:
-    """Return the sidecar of a JSON file's content, checked."""
     schema = content.get("schema")
     if not isinstance(schema, str) or not schema.startswith("flightid/"):
         ours = [key for key in ("hold", "units") if key in content]

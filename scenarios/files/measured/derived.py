@@ -165,7 +165,6 @@ def _is_computed(choice: ColumnChoice, table: CellTable) -> bool:
 
 
 def _is_unique(name: str, topics: Sequence[Topic]) -> bool:
-    """Return whether only one topic has a field of this name."""
     return sum(name in topic.table.header for topic in topics) == 1
 
 

@@ -40,14 +40,7 @@ ROUNDING = 1.0 + 1e-9
 SI_UNITS_TRIED = ("rad", "rad/s", "m/s", "m", "s", "N", "Pa", "m/s2", "kg", "kg/m3", "m2", "rad/s2")
 INDEX_HEADERS = ("", "index", "unnamed: 0")  # headers that pandas gives an index without a name
 # Spellings of units of time -> their symbols.
-TIME_UNITS = {
-    "µs": "us",
-    "usec": "us",
-    "msec": "ms",
-    "sec": "s",
-    "seconds": "s",
-    "nsec": "ns",
-}
+TIME_UNITS = {"µs": "us", "usec": "us", "msec": "ms", "sec": "s", "seconds": "s", "nsec": "ns"}
 FIRST_CELLS = 5  # cells that show whether a column has dates
 LONGEST_SHOWN_CELL = 40  # characters of a cell in a message
 PADDING_STEPS = 6.0  # length of the padding of the low-pass, in steps of the grid

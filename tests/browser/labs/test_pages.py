@@ -149,7 +149,7 @@ def test_a_slider_redraws_a_figure(number: int, lab: Callable[[int], Page]) -> N
 def test_a_copy_of_ones_own_runs_too(servers: Servers, page: Page, tmp_path: Path) -> None:
     import sys
 
-    from scenarios.commands.libraries import copy_lab
+    from scenarios.cli.libraries import copy_lab
     from tests.browser.serving import free_port
 
     own, port = copy_lab(1, tmp_path / "mine"), free_port()

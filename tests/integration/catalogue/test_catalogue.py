@@ -15,7 +15,14 @@ import pytest
 from scenarios.report.quantities import as_text
 from scenarios.studies.catalogue import load_document, load_scenario, scenario_names, scenario_text
 from scenarios.studies.comparison import comparison
-from scenarios.studies.declaration import Estimation, ManeuverPlan, PublishedChoice, Start
+from scenarios.studies.declaration import (
+    Estimation,
+    ManeuverPlan,
+    PublishedChoice,
+    Start,
+    published_remark,
+    published_values,
+)
 from scenarios.studies.estimating import (
     DISTANCES,
     assumed_noise,
@@ -23,7 +30,6 @@ from scenarios.studies.estimating import (
     true_model,
     vehicle_constants,
 )
-from scenarios.studies.published import published_remark, published_values
 from scenarios.studies.study import MethodResult, StudyResult, flexibility_sentences, run_scenario
 from scenarios.studies.text import print_study
 from sim.errors import DeclarationError

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from scenarios.studies.catalogue import load_document
-from scenarios.trials.planted.declaration import Grade
-from scenarios.trials.planted.flights import trace_scenario_of
-from scenarios.trials.planted.study import TraceStudy, run_trace
+from scenarios.trials.planted_declaration import Grade
+from scenarios.trials.planted_flights import trace_scenario_of
+from scenarios.trials.planted_study import TraceStudy, run_trace
 
 NAME = "flow-separation"
 ON_RIGID = {"tau1": 0.3, "tau2": 0.08, "a1": 22.0, "alpha_star": 0.12, "moment": -0.06}

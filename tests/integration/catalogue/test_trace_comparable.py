@@ -15,11 +15,11 @@ import pytest
 from ident.tracing.diagnosis import Requirement, Verdict
 from ident.whole_record.output_error import estimate_of
 from scenarios.studies.catalogue import load_document, scenario_names
-from scenarios.trials.planted import study as comparable
-from scenarios.trials.planted.declaration import Grade, TraceScenario, true_vehicle
-from scenarios.trials.planted.flights import fly_trace, trace_scenario_of, write_simulated
-from scenarios.trials.planted.report import trace_text, write_trace
-from scenarios.trials.planted.study import (
+from scenarios.trials import planted_study as comparable
+from scenarios.trials.planted_declaration import Grade, TraceScenario, true_vehicle
+from scenarios.trials.planted_flights import fly_trace, trace_scenario_of, write_simulated
+from scenarios.trials.planted_report import trace_text, write_trace
+from scenarios.trials.planted_study import (
     NOISE_FREE,
     Scored,
     TraceStudy,

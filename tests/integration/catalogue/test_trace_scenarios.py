@@ -21,7 +21,7 @@ from scenarios.studies.catalogue import (
 )
 from scenarios.studies.estimating import vehicle_model
 from scenarios.studies.schema import unit_of
-from scenarios.trials.planted.declaration import (
+from scenarios.trials.planted_declaration import (
     OWN,
     Expectation,
     Grade,
@@ -29,8 +29,8 @@ from scenarios.trials.planted.declaration import (
     grade,
     own_terms,
 )
-from scenarios.trials.planted.flights import fly_trace, trace_scenario_of, write_simulated
-from scenarios.trials.planted.study import run_trace
+from scenarios.trials.planted_flights import fly_trace, trace_scenario_of, write_simulated
+from scenarios.trials.planted_study import run_trace
 from sim.declaration.model import Noise
 from sim.effects.library import effect_names
 from sim.errors import DeclarationError
@@ -174,7 +174,7 @@ def test_sideslip_is_an_angle_and_no_ballistic_coefficient() -> None:
 
 @pytest.mark.long
 def test_a_study_is_written_with_truth_before_and_after(tmp_path: Path) -> None:
-    from scenarios.trials.planted.report import trace_text, write_trace
+    from scenarios.trials.planted_report import trace_text, write_trace
 
     study = run_trace(scenario("trace-nothing"))
     assert study.grade is Grade.RIGHT

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from scenarios.cli import main
-from scenarios.commands.failures import each_validated
+from scenarios.cli.application import each_validated
 from scenarios.files.writing import write_record
 from scenarios.preparation.declared_model import model_of_file
 from sim.declaration.model import Noise
@@ -168,6 +168,11 @@ def test_documented_effect_is_traced_and_written(flights: Path, tmp_path: Path) 
             "no.py: there is no such file",
         ),
         (
+            ["diagnose", "TRAIN", "--model", "rigid", "--vehicle", "VEHICLE", "--effects", "RANK"],
+            "rank.py: effect vane-upwash: unknown attribute 'rank'; its present name is "
+            "'path_order'",
+        ),
+        (
             ["diagnose", "TRAIN", "--model", "rigid", "--from", "9"],
             "rows are too few to hold a part out",
         ),
@@ -181,7 +186,13 @@ def test_documented_effect_is_traced_and_written(flights: Path, tmp_path: Path) 
 def test_bad_input_is_one_line_and_exit_code_2(
     arguments: list[str], line: str, flights: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    places = {"TRAIN": str(flights / "train.csv"), "VEHICLE": str(flights / "vehicle.toml")}
+    places = {
+        "TRAIN": str(flights / "train.csv"),
+        "VEHICLE": str(flights / "vehicle.toml"),
+        "RANK": str(flights / "rank.py"),
+    }
+    own = (flights / "my_effects.py").read_text()
+    (flights / "rank.py").write_text(own.replace("    channel", "    rank = 30\n    channel"))
     with pytest.raises(SystemExit) as stopped:
         main([places.get(argument, argument) for argument in arguments])
     told = capsys.readouterr()

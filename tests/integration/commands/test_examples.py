@@ -19,7 +19,7 @@ from ident.tracing.loop import diagnose
 from scenarios.cli import app, main
 from scenarios.cli.application import COMMANDS, EXAMPLES
 from scenarios.cli.options import METHOD_NAMES, OutputOptions, output_options
-from scenarios.commands.studies import documents_of
+from scenarios.cli.studies import documents_of
 from scenarios.diagnosis import diagnose as on_files
 from scenarios.identification.methods import METHODS
 from tests.integration.command_line import CommandLine
@@ -74,7 +74,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.setattr(on_files, "_loop", lambda _: one_candidate)
         patch.setattr(on_files, "_kinematics", lambda *_: None)
         patch.setattr("scenarios.tasks.study.available_cores", lambda: 1)
-        for line in [line for examples in EXAMPLES.values() for line, _ in examples]:
+        for line in [line for examples in EXAMPLES.values() for line in examples]:
             assert typed(line)[::2] == (0, ""), line
         yield Path.cwd()
 
@@ -89,7 +89,7 @@ def test_every_command_has_examples_and_no_other_has() -> None:
     assert all(
         line.split()[:2] in (["flightid", name], ["flightid", "simulate"])
         for name, lines in EXAMPLES.items()
-        for line, _ in lines
+        for line in lines
     )
 
 
@@ -101,7 +101,7 @@ def test_help_shows_the_examples_as_they_are_typed(
     monkeypatch.setenv("COLUMNS", "60")
     text = flightid.done(name, "--help")
     assert [line.strip() for line in text[text.index("Examples:") :].splitlines()[1::2]] == [
-        line for line, _ in EXAMPLES[name]
+        line for line in EXAMPLES[name]
     ]
 
 

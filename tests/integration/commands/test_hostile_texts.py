@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.commands.failures import report
+from scenarios.cli.application import report_error
 from scenarios.files.declarations import run_python
 from scenarios.files.sources import (
     DEEPEST_NESTING,
@@ -473,5 +473,5 @@ def test_what_comes_through_a_users_file_is_its_fault(
     read = run_python(read_source("effects.py", DeclarationError, "a file"), "effects").read
     with pytest.raises(BaseException) as raised:
         read(None)
-    assert report(raised.value) == 2
+    assert report_error(raised.value) == 2
     assert capsys.readouterr().err.startswith("flightid: effects.py, line 2: ")

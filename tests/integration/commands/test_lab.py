@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from flightid.labs.workings.trying import close, command
-from scenarios.commands.libraries import lab_files, title_of
+from scenarios.cli.libraries import lab_files, title_of
 from tests.integration.command_line import CommandLine
 
 LABS = lab_files()
@@ -89,7 +89,7 @@ def test_it_is_served_to_this_machine_alone(
         called.append(line)
         return 0
 
-    monkeypatch.setattr("scenarios.commands.libraries.subprocess.call", call)
+    monkeypatch.setattr("scenarios.cli.libraries.subprocess.call", call)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: object())
     monkeypatch.chdir(tmp_path)
     flightid.done("lab", 1, "--no-browser")

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.commands.libraries import LIST_WIDTH
+from scenarios.cli.libraries import LIST_WIDTH
 from scenarios.diagnosis.opening import can_act
 from scenarios.files.user_models import read_user_model
 from scenarios.files.vehicles import MODELS

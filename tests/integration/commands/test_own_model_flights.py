@@ -23,8 +23,8 @@ from scenarios.studies.declaration import START_OF_REST, maneuvers_by_input, wit
 from scenarios.studies.reading import maneuver_plans, scenario_of
 from scenarios.studies.schema import ManeuverTable
 from scenarios.studies.study import run_scenario
-from scenarios.trials.planted.flights import off
-from scenarios.trials.planted.own_flight import OwnFlight, study_document
+from scenarios.trials.own_flight import OwnFlight, study_document
+from scenarios.trials.planted_flights import off
 from sim.declaration.effect import Parameter
 from sim.record import Hold, Record
 from sim.vehicles.library import read_parameter_set

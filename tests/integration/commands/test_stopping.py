@@ -18,7 +18,7 @@ import pytest
 import flightid as fid
 from scenarios.cli.options import output_options
 from scenarios.files.writing import study_folder
-from scenarios.trials.planted import study
+from scenarios.trials import planted_study as study
 from tests.integration.command_line import CommandLine
 from tests.integration.commands.test_cli_run import small
 
@@ -31,7 +31,7 @@ CAMPAIGN = """
 import time, pathlib, sys
 from exam.__main__ import main
 from exam.hidden_effects import campaign
-from scenarios.trials.planted.study import Grade
+from scenarios.trials.planted_study import Grade
 
 flown = []
 

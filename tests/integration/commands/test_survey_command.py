@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import flightid as fid
-from scenarios.cli.record_commands import EXAMPLE
+from scenarios.cli.model_commands import EXAMPLE
 from scenarios.files.vehicles import read_vehicle
 from scenarios.files.writing import write_record
 from scenarios.preparation.declared_model import model_of_file

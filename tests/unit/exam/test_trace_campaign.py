@@ -20,8 +20,8 @@ from exam.hidden_effects.campaign import (
     verdict_shares,
 )
 from ident.tracing.diagnosis import Claim, Verdict
-from scenarios.trials.planted.declaration import Grade
-from scenarios.trials.planted.study import run_trace
+from scenarios.trials.planted_declaration import Grade
+from scenarios.trials.planted_study import run_trace
 
 
 def judged(

@@ -12,8 +12,8 @@ import typer.main
 
 from scenarios.cli import app
 from scenarios.cli.application import refuse_foreign_digits
+from scenarios.cli.model_commands import identify
 from scenarios.cli.options import GROUPS, Output, Preparation, with_groups
-from scenarios.cli.record_commands import identify
 from sim.errors import DeclarationError
 
 

@@ -350,7 +350,7 @@ def test_bars_are_as_long_as_the_shares() -> None:
 
 def test_scenarios_give_the_same_marks() -> None:
     from exam.hidden_effects.campaign import TraceJudged, scored_flight_of
-    from scenarios.trials.planted.declaration import Grade
+    from scenarios.trials.planted_declaration import Grade
 
     claim = Claim(
         "sensor-lag:q",

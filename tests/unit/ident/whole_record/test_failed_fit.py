@@ -9,7 +9,7 @@ from ident.estimate import Estimate, Outcome
 from ident.tracing.loop import diagnose
 from ident.whole_record.output_error import failed_simulation, none_determined
 from scenarios.identification.cautions import failed
-from scenarios.studies.published import Row
+from scenarios.studies.declaration import Row
 from sim.declaration.model import Noise
 from sim.errors import ModelError
 from sim.record import Hold, Record

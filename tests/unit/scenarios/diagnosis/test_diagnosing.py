@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -14,13 +15,20 @@ from ident.tracing.diagnosis import Diagnosis, Verdict
 from scenarios.diagnosis.diagnose import Tracing, diagnose_files
 from scenarios.diagnosis.kinematics import Kinematics
 from scenarios.diagnosis.opening import candidates_for, read_effects
-from scenarios.files.declarations import ColumnChoice
+from scenarios.files.declarations import (
+    WANTED,
+    ColumnChoice,
+    refuse_unknown_attributes,
+    run_python,
+)
 from scenarios.files.measured.columns import RecordFile
+from scenarios.files.sources import read_source
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.preparation.declared_model import model_of_file
 from scenarios.preparation.plan import Plan, Request, Segment
 from sim.declaration.proposal import Traits
-from sim.errors import FlightidError
+from sim.effects.library import effect_modules
+from sim.errors import DeclarationError, FlightidError
 from sim.record import Record
 from tests.diagnoses import LOES, RIGID, diagnosis_of, written_inputs
 
@@ -394,6 +402,77 @@ def test_faults_of_a_users_file_are_told_in_one_line(
         and str(caught.value).startswith(str(own))
         and "\n" not in str(caught.value)
     )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            '    channel = "alpha"\n',
+            '    channel = "alpha"\n    rank = 30\n',
+            "effect vane-upwash: unknown attribute 'rank'; its present name is 'path_order'",
+        ),
+        (
+            '    channel = "alpha"\n',
+            '    channel = "alpha"\n    rank: int = 30\n\n    def place(self):\n'
+            "        return self.rank\n",
+            "effect vane-upwash: unknown attribute 'rank'; its present name is 'path_order'",
+        ),
+        (
+            "Regularity.REGULAR",
+            "Regularity.UNDEFINED",
+            ", line 22: Regularity has no attribute 'UNDEFINED'; "
+            "its present name is 'UNIDENTIFIED_AT_ABSENCE'",
+        ),
+        (
+            "Regularity.REGULAR",
+            "Regularity.REGULER",
+            ", line 22: Regularity has no attribute 'REGULER'; did you mean 'REGULAR'?",
+        ),
+        (
+            '    channel = "alpha"\n',
+            '    channel = "alpha"\n    path_ordr = 30\n',
+            "effect vane-upwash: unknown attribute 'path_ordr'; did you mean 'path_order'?",
+        ),
+        (
+            '    channel = "alpha"\n',
+            '    channel = "alpha"\n    colour = "red"\n',
+            "effect vane-upwash: unknown attribute 'colour'; leave it out, nothing reads it",
+        ),
+    ],
+)
+def test_an_attribute_that_no_effect_has_is_refused_with_the_name_that_is_meant(
+    old: str, new: str, message: str, files: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
+    own = tmp_path / "mine.py"
+    own.write_text(example().replace(old, new))
+    with pytest.raises(FlightidError) as caught:
+        read_effects(own, model_of_file(read_vehicle(files[2], "rigid")))
+    assert str(caught.value).startswith(str(own)) and str(caught.value).endswith(message)
+    assert "\n" not in str(caught.value)
+
+
+def test_attributes_that_the_users_file_reads_itself_are_allowed(
+    files: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
+    own = tmp_path / "mine.py"
+    text = example().replace(
+        '    channel = "alpha"\n',
+        '    channel = "alpha"\n    limit = 5.0\n    share: float = 1.0\n',
+    )
+    text = text.replace("(-5.0, 5.0)", "(-limit, limit)").replace(
+        "p.upwash * s", "self.share * p.upwash * s"
+    )
+    own.write_text(text)
+    (effect,) = read_effects(own, model_of_file(read_vehicle(files[2], "rigid")))
+    assert effect.parameters[0].bounds == (-5.0, 5.0)
+
+
+@pytest.mark.parametrize("module", effect_modules(), ids=lambda module: module.__name__)
+def test_no_attribute_of_an_effect_in_the_library_would_be_refused(module: ModuleType) -> None:
+    source = read_source(str(module.__file__), DeclarationError, WANTED)
+    for effect in run_python(source, "effects").VARIANTS:
+        refuse_unknown_attributes(effect, source.content, "library")
 
 
 def test_effects_for_other_vehicles_are_left_out_or_refused(

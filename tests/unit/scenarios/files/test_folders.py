@@ -115,7 +115,7 @@ def test_folders_that_cannot_be_written(tmp_path: Path) -> None:
     for path, part in (
         (tmp_path / "file", "not a folder"),
         (tmp_path / "file" / "sub", "cannot be written"),
-        (tmp_path / "out", "a folder stands"),
+        (tmp_path / "out", "there is a folder with the name"),
     ):
         with pytest.raises(FlightidError) as caught:
             study(path, "x.png")

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from scenarios.files.formats import parquet
+from scenarios.files.formats import tabular
 from scenarios.files.formats.cells import numbers
 from scenarios.files.formats.registry import readers
 from scenarios.files.measured.columns import read_record_file, with_names
@@ -139,7 +139,7 @@ def test_a_text_log_that_cannot_be_read_is_refused(tmp_path: Path, wrong: str, s
 
 
 def test_every_format_has_a_form() -> None:
-    suffixes = {suffix for reader in readers().values() for suffix in reader.SUFFIXES}
+    suffixes = {suffix for reader in readers() for suffix in reader.suffixes}
     assert {
         ".csv",
         ".ulg",
@@ -153,8 +153,8 @@ def test_every_format_has_a_form() -> None:
         ".feather",
         ".parquet",
     } <= suffixes
-    for name, reader in readers().items():
-        assert reader.FORMAT and reader.SUFFIXES and reader.__doc__, name
+    for reader in readers():
+        assert reader.name and reader.suffixes and reader.read.__doc__, reader
 
 
 @pytest.mark.sampled
@@ -201,7 +201,7 @@ def _as_a_data_frame(frame: pd.DataFrame) -> dict[str, list]:
 
 @pytest.mark.parametrize("suffix", [".parquet", ".feather"])
 def test_a_table_is_read_in_batches_as_pandas_reads_it_whole(tmp_path, monkeypatch, suffix):
-    monkeypatch.setattr(parquet, "ROWS_PER_BATCH", 7)
+    monkeypatch.setattr(tabular, "ROWS_PER_BATCH", 7)
     n = 30
     frame = pd.DataFrame(
         {"time": np.arange(n) / 50, "count": np.arange(n), "single": np.arange(n, dtype="f4")}
@@ -220,7 +220,7 @@ def test_a_table_is_read_in_batches_as_pandas_reads_it_whole(tmp_path, monkeypat
             drop=each is frame
         ).to_feather(path)
         wanted = _as_a_data_frame(each if suffix == ".parquet" else pd.read_feather(path))
-        (topic,) = parquet.read(path, path.read_bytes())
+        (topic,) = tabular.read_parquet(path, path.read_bytes())
         assert list(topic.table.header) == list(wanted)
         assert len(topic.table.rows) == len(each)
         for name, column in zip(topic.table.header, topic.table.columns, strict=True):

@@ -18,7 +18,7 @@ from scenarios.identification.assessment import DEFAULT_OPTIONS, Options, other_
 from scenarios.identification.identify import identify_files
 from scenarios.identification.methods import FILTERS, METHODS
 from scenarios.preparation.plan import Plan, Request
-from scenarios.studies.published import Row
+from scenarios.studies.declaration import Row
 from sim.record import Channel, Hold, Record
 from tests.own_models import ROLL, model_file
 

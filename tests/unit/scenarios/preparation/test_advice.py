@@ -11,7 +11,7 @@ import pytest
 import flightid as fid
 from ident.recording.misread_columns import large_angle_finding
 from scenarios.files.measured.columns import read_record_file
-from scenarios.identification.cautions import NO_LIFT
+from scenarios.preparation.declared_model import NO_LIFT
 from scenarios.preparation.draft_text import map_text
 from scenarios.preparation.drafting import drafted
 from sim.errors import FlightidError
@@ -87,7 +87,7 @@ def test_motors_at_rest_are_said_in_the_place_of_a_next_command(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("pyulog")
-    from scenarios.commands.records import draft_map
+    from scenarios.preparation.draft_text import draft_map
 
     columns = quadrotor.flight()
     still = {name: values * ("command" not in name) for name, values in columns.items()}

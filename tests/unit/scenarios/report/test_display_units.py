@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from scenarios.commands.libraries import show_effects
+from scenarios.cli.libraries import show_effects
 from scenarios.files.declarations import CHANNEL_UNITS
 from scenarios.plots.display import display_unit
 from scenarios.report.quantities import (
@@ -25,7 +25,7 @@ from scenarios.report.quantities import (
 )
 from scenarios.report.summary import table_lines
 from scenarios.responses.loops import UNITS
-from scenarios.studies.published import Row
+from scenarios.studies.declaration import Row
 from scenarios.studies.text import with_display
 from sim.effects.library import library
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from scenarios.side_by_side.comparison import Value
-from scenarios.studies.declaration import Start
-from scenarios.studies.published import Row
+from scenarios.studies.declaration import Row, Start
 
 
 @pytest.mark.parametrize(

@@ -11,13 +11,13 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
 from ident.pooling import Recurrence
-from scenarios.survey.derivatives import (
+from scenarios.survey.recurring import Recurring, recurring
+from scenarios.survey.survey import (
     FALSE_DISCOVERY_RATE,
     effects_over,
     estimates,
     over_flights,
 )
-from scenarios.survey.recurring import Recurring, recurring
 from tests.unit.scenarios.survey.made_up import DECLARED, TRUE, UNITS, flown, kept
 
 COUNT = 14

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenarios.cli.record_commands import EXAMPLE
+from scenarios.cli.model_commands import EXAMPLE
 from scenarios.survey.flights import Flights, read_flights, toml_text
 from sim.errors import DeclarationError
 from sim.record import Hold

@@ -14,7 +14,6 @@ import pytest
 
 from scenarios.report.folder import rebuilt
 from scenarios.report.terminal import cell_text
-from scenarios.survey.derivatives import over_flights
 from scenarios.survey.files import survey_figures, survey_page, write_survey
 from scenarios.survey.report import (
     effects_table,
@@ -25,7 +24,7 @@ from scenarios.survey.report import (
     survey_text,
     verdict_of,
 )
-from scenarios.survey.survey import SurveyResult
+from scenarios.survey.survey import SurveyResult, over_flights
 from sim.errors import ModelError
 from tests.unit.scenarios.survey.conftest import Campaign
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from scenarios.files.aircraft_files import read_model_file
-from scenarios.files.declarations import closest, read_toml_source
+from scenarios.files.declarations import closest, read_toml_source, refuse_unknown
 from scenarios.files.sources import DocumentError, toml_value
 from scenarios.files.user_models import inputs_at_rest, own_numbers, unit_in
 from scenarios.files.vehicles import MODELS, refuse_unknown_model, with_priors
@@ -25,8 +25,8 @@ from scenarios.preparation.declared_model import (
 from scenarios.studies.declaration import KINDS, ManeuverPlan, maneuver_of
 from scenarios.studies.estimating import FIT_STEP
 from scenarios.studies.schema import positive_si, si
-from scenarios.trials.planted.declaration import find_term
-from scenarios.trials.planted.flights import off
+from scenarios.trials.planted_declaration import find_term
+from scenarios.trials.planted_flights import off
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.effects.library import effects_for
@@ -64,10 +64,7 @@ def maneuver_words(
             raise DeclarationError(
                 f"there is no input {name!r}", where=where, remedy=f"its inputs are {available}"
             )
-        if kind not in KINDS:
-            raise DeclarationError(
-                f"there is no maneuver {kind!r}", where=where, remedy=closest(kind, KINDS)
-            )
+        refuse_unknown("maneuver", kind, KINDS, where)
         needed = KINDS[kind][0]
         numbers = {
             **_default_numbers(needed, motion.amplitudes[name], pulse, place, len(words)),
@@ -100,10 +97,7 @@ def noise_of(words: Sequence[str], model: Model) -> dict[str, float]:
                 where=where,
                 remedy=f"write for example --noise {outputs[0]}=0.1",
             )
-        if name not in outputs:
-            raise DeclarationError(
-                f"there is no output {name!r}", where=where, remedy=closest(name, outputs)
-            )
+        refuse_unknown("output", name, outputs, where)
         std[name] = positive_si(_value(text), unit_in(model, name), where)
     return std
 
@@ -179,7 +173,6 @@ def _split(word: str) -> list[str]:
 
 
 def _value(text: str) -> Any:
-    """Return the value of a text: a number, a list, or a text with a unit."""
     try:
         return toml_value(f"value = {text}")["value"]
     except DocumentError:

@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from scenarios.files.declarations import closest
+from scenarios.files.declarations import CHANNEL_UNITS, closest
 from sim.errors import DeclarationError
 from sim.maneuvers import Maneuver, Sum, doublet, orthogonal_multisines, three_two_one_one
 
@@ -45,19 +45,11 @@ DURATIONS: Mapping[str, float] = {
 MANEUVERS = ("3-2-1-1", "doublet", "multisine")
 INPUTS: Mapping[str, str] = {"elevator": "rad", "aileron": "rad", "rudder": "rad", "thrust": "N"}
 OUTPUTS: Mapping[str, str] = {
-    "airspeed": "m/s",
-    "alpha": "rad",
-    "beta": "rad",
-    "p": "rad/s",
-    "q": "rad/s",
-    "r": "rad/s",
-    "phi": "rad",
-    "theta": "rad",
-    "psi": "rad",
-    "ax": "m/s2",
-    "ay": "m/s2",
-    "az": "m/s2",
-    "height": "m",
+    name: CHANNEL_UNITS[name]
+    for name in (
+        *("airspeed", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi"),
+        *("ax", "ay", "az", "height"),
+    )
 }
 SURFACES = ("elevator", "aileron", "rudder")
 
@@ -222,7 +214,7 @@ Signals = Mapping[str, np.ndarray]
 STILL_DEFLECTION = 1e-9  # rad per frame, below which a surface does not move
 
 
-def spoiled(signals: Signals, flight: JsbsimFlight) -> dict[str, np.ndarray]:
+def with_faults(signals: Signals, flight: JsbsimFlight) -> dict[str, np.ndarray]:
     """Return the signals with the declared faults: vanes, play, then delays."""
     shown, time = dict(signals), signals["time"]
     if flight.vane_ahead:
@@ -333,7 +325,6 @@ def _steps(flight: JsbsimFlight, control: str, size: float, unit: float) -> Mane
 def _multisines(
     flight: JsbsimFlight, sizes: Mapping[str, float], units: Mapping[str, float]
 ) -> dict[str, Maneuver]:
-    """Return orthogonal multisines of the surfaces, up to somewhat above the fastest mode."""
     surfaces = [control for control in CONTROLS[flight.axis] if control != "throttle"]
     period = flight.duration - QUIET_START_TIME - 1.0
     # The unit is 1.6 over the frequency of the mode.

@@ -14,12 +14,12 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, Field
 
-from scenarios.files.declarations import checked, closest
+from scenarios.files.declarations import checked, closest, refuse_unknown
 from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
 from scenarios.files.sources import versions
 from scenarios.files.writing import write_json, write_record, write_text
 from scenarios.studies.schema import Quantity, positive, positive_si, si
-from scenarios.trials.jsbsim.declaration import (
+from scenarios.trials.jsbsim_declaration import (
     CONDITIONS,
     CONTROLS,
     DURATIONS,
@@ -33,10 +33,10 @@ from scenarios.trials.jsbsim.declaration import (
     named,
     refuse_unknown_aircraft,
     rehearsal,
-    spoiled,
     surfaces_of,
+    with_faults,
 )
-from scenarios.trials.jsbsim.machine import (
+from scenarios.trials.jsbsim_machine import (
     LEAST_FRAME_RATE,
     Condition,
     JsbsimSignals,
@@ -229,7 +229,7 @@ def _recorded(
     """Return the record: one sample per ``frames``, white noise on outputs, none on inputs."""
     signals = dict(simulated.signals)
     signals |= {f"a{axis}": signals[f"force_{axis}"] / signals["mass"] for axis in "xyz"}
-    shown = spoiled(signals, flight)
+    shown = with_faults(signals, flight)
     rows = slice(None, None, frames)
     outputs = []
     for name, unit in OUTPUTS.items():
@@ -357,8 +357,8 @@ def jsbsim_of(document: Mapping[str, Any], name: str, where: str) -> JsbsimFligh
     content = checked(_Jsbsim, document, where)
     aircraft = str(content.aircraft)
     refuse_unknown_aircraft(aircraft, f"{where}, key aircraft")
-    _one_of(content.axis, tuple(CONTROLS), "axis", where)
-    _one_of(content.maneuver, MANEUVERS, "maneuver", where)
+    refuse_unknown("axis", content.axis, CONTROLS, f"{where}, key axis")
+    refuse_unknown("maneuver", content.maneuver, MANEUVERS, f"{where}, key maneuver")
     duration = (
         DURATIONS[content.axis]
         if content.duration is None
@@ -419,15 +419,6 @@ def _condition(content: _Jsbsim, where: str) -> tuple[float, float]:
     altitude = given("altitude", "m", content.altitude, usual[0])
     airspeed = given("airspeed", "m/s", content.airspeed, usual[1])
     return altitude, positive(airspeed, f"{where}, key airspeed")
-
-
-def _one_of(name: str, allowed: tuple[str, ...], what: str, where: str) -> None:
-    if name not in allowed:
-        raise DeclarationError(
-            f"there is no {what} {name!r}",
-            where=f"{where}, key {what}",
-            remedy=closest(name, allowed),
-        )
 
 
 def _by_channel(

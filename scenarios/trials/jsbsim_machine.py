@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.trials.jsbsim.declaration import (
+from scenarios.trials.jsbsim_declaration import (
     FOOT,
     KNOT,
     NEEDS,
@@ -347,7 +347,7 @@ def _refuse_departure(condition: Condition, signals: Mapping[str, np.ndarray]) -
         or np.max(np.abs(signals["phi"])) > MOST_BANK
         or np.max(np.abs(signals["theta"])) > MOST_PITCH
     ):
-        what = f"{condition.aircraft} goes astray in this maneuver"
+        what = f"{condition.aircraft} departs from controlled flight in this maneuver"
         raise DeclarationError(
             what, where="key size", remedy="give a smaller size or a shorter duration"
         )

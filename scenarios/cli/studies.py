@@ -1,4 +1,4 @@
-"""Commands on simulated studies: run, simulate, campaign, compare, design, report."""
+"""Work of the commands on simulated studies: run, simulate, campaign, compare."""
 
 from __future__ import annotations
 
@@ -12,22 +12,20 @@ from scenarios.api.requests import LOADERS, Progress, Runner, flown_record
 from scenarios.files.declarations import named_after
 from scenarios.files.user_models import AIRCRAFT_SUFFIX
 from scenarios.files.writing import unwritable, write_text
-from scenarios.maneuver_design.setting import DesignRequest
 from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.report.summary import details_in, written_to
 from scenarios.report.terminal import progress_bar
-from scenarios.studies.campaign import CampaignRuns, Rebuilt, fly_campaign
+from scenarios.studies.campaign import CampaignRuns, Rebuilt, campaign_scenario, fly_campaign
 from scenarios.studies.campaign import Progress as CampaignProgress
 from scenarios.studies.campaign_causes import Judgement, judge
 from scenarios.studies.campaign_report import print_campaign
-from scenarios.studies.declaration import Scenario
 from scenarios.studies.folder import write_campaign
 from scenarios.tasks.study import Execution, stopped
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
-    from scenarios.trials.planted.declaration import TraceScenario
-    from scenarios.trials.planted.own_flight import OwnFlight
+    from scenarios.trials.own_flight import OwnFlight
+    from scenarios.trials.planted_declaration import TraceScenario
 
 
 # ---- flightid compare, and flightid run --compare
@@ -69,7 +67,7 @@ def simulate_jsbsim(name: str, out: Path, seed: int | None, changes: Sequence[st
     """Write record, vehicle files and true values of a flight by JSBSim; return the files."""
     from scenarios.files.writing import files_together
     from scenarios.studies.catalogue import load_document, scenario_file
-    from scenarios.trials.jsbsim.flight import fly_jsbsim, jsbsim_of, write_jsbsim
+    from scenarios.trials.jsbsim_flight import fly_jsbsim, jsbsim_of, write_jsbsim
 
     flight = jsbsim_of(*load_document(name, changes))
     if seed is None:
@@ -97,7 +95,7 @@ def simulate_jsbsim(name: str, out: Path, seed: int | None, changes: Sequence[st
 def simulate_trace(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> list[Path]:
     """Write the records and vehicle file of a tracing scenario; return the files."""
     from scenarios.studies.catalogue import load_document, scenario_file
-    from scenarios.trials.planted.flights import trace_scenario_of
+    from scenarios.trials.planted_flights import trace_scenario_of
 
     return _write_trace(
         trace_scenario_of(*load_document(name, changes)), scenario_file(name), out, seed
@@ -109,8 +107,8 @@ def simulate_own(
 ) -> list[Path]:
     """Write the records and vehicle file of a flight of a user's model; return the files."""
     from scenarios.studies.catalogue import with_changes
-    from scenarios.trials.planted.flights import trace_scenario_of
-    from scenarios.trials.planted.own_flight import trace_document
+    from scenarios.trials.own_flight import trace_document
+    from scenarios.trials.planted_flights import trace_scenario_of
 
     document = with_changes(trace_document(flight), changes)
     scenario = trace_scenario_of(document, Path(flight.model).stem, flight.model)
@@ -125,7 +123,7 @@ def _write_trace(scenario: TraceScenario, file: str, out: Path, seed: int | None
     same folder. ``file`` declares the scenario; errors name it.
     """
     from scenarios.files.writing import files_together, write_record
-    from scenarios.trials.planted.flights import fly_trace
+    from scenarios.trials.planted_flights import fly_trace
 
     with named_after(file):
         flown = fly_trace(scenario, scenario.seed if seed is None else seed)
@@ -200,7 +198,6 @@ def run_scenarios(
 
 
 def _short_name(name: str) -> str:
-    """Return the name of a scenario, or the stem of its file."""
     return Path(name).stem if name.endswith(".toml") else name
 
 
@@ -364,35 +361,8 @@ def _refuse_same_names(names: Sequence[str]) -> None:
 # ---- flightid campaign: Monte Carlo simulation
 
 
-def own_campaign(
-    flight: OwnFlight,
-    runs: int,
-    seed: int | None,
-    execution: Execution,
-    changes: Sequence[str],
-    figures: Formats = USUAL,
-    *,
-    levels: bool = False,
-    progress: bool = True,
-) -> None:
-    """Run a campaign of a user's model, as ``run_campaign`` does for a scenario.
-
-    ``flight`` is the flight of the user's model, as the options of the command describe it.
-    """
-    from scenarios.studies.catalogue import with_changes
-    from scenarios.studies.reading import scenario_of
-    from scenarios.trials.planted.own_flight import study_document
-
-    document = with_changes(study_document(flight), changes)
-    rebuilt = Rebuilt(document, Path(flight.model).stem, flight.model)
-    scenario = scenario_of(rebuilt.document, rebuilt.name, rebuilt.where)
-    _run_campaign(
-        scenario, rebuilt, runs, seed, execution, figures, levels=levels, progress=progress
-    )
-
-
 def run_campaign(
-    name: str,
+    flight: str | OwnFlight,
     runs: int,
     seed: int | None,
     execution: Execution,
@@ -403,79 +373,41 @@ def run_campaign(
     levels: bool = False,
     progress: bool = True,
 ) -> None:
-    """Run a campaign of a scenario of identification, print it and write it.
+    """Run a campaign, print it and write it.
 
     Parameters
     ----------
-    name : the scenario.
+    flight : a scenario of identification, or the flight of a user's model.
     runs : number of runs.
     seed : seed of the first run; None takes that of the scenario.
     execution : where the runs are computed and written.
     changes : changes of the scenario file, as ``"KEY=VALUE"``.
-    method : the estimator; None takes the main one of the scenario.
+    method : the estimator; None takes the main one of the scenario. A user's model has only one.
     figures : formats of the figures.
     levels : estimate noise levels by likelihood, even if all reported sigmas are right.
     progress : show a progress bar.
 
     After Ctrl-C, the finished runs are printed and written.
     """
-    from scenarios.studies.catalogue import (
-        IDENTIFICATION,
-        load_document,
-        load_scenario,
-        moved,
-        scenario_kind,
-    )
+    if isinstance(flight, str):
+        rebuilt = campaign_scenario(flight, changes)
+    else:
+        from scenarios.studies.catalogue import with_changes
+        from scenarios.trials.own_flight import study_document
 
-    kind = scenario_kind(name)
-    if kind == "trace":
-        raise moved(f"a campaign of {name}", f"hidden-effects {name}")
-    if kind != IDENTIFICATION:
-        what = f"there is no campaign of a scenario of kind {kind}"
-        raise DeclarationError(what, where=name, remedy="name a scenario of estimators")
-    document, short_name, where = load_document(name, changes)
-    rebuilt = Rebuilt(
-        {key: value for key, value in document.items() if key != "kind"}, short_name, where
-    )
-    _run_campaign(
-        load_scenario(name, changes),
-        rebuilt,
-        runs,
-        seed,
-        execution,
-        figures,
-        method or "main",
-        levels=levels,
-        progress=progress,
-    )
-
-
-def refuse_method(method: str | None) -> None:
-    """Raise DeclarationError if a method is named for a campaign that has only one."""
-    if method is not None:
-        raise DeclarationError(
-            "this campaign has no methods to choose from", where="--method", remedy="leave it out"
-        )
-
-
-def _run_campaign(
-    scenario: Scenario,
-    rebuilt: Rebuilt,
-    runs: int,
-    seed: int | None,
-    execution: Execution,
-    figures: Formats,
-    method: str = "main",
-    *,
-    levels: bool = False,
-    progress: bool = True,
-) -> None:
-    """Run a campaign, print it and write it; the parameters are those of ``run_campaign``.
-
-    ``rebuilt`` is the document of the scenario, from which other processes build it again.
-    """
+        if method is not None:
+            raise DeclarationError(
+                "this campaign has no methods to choose from",
+                where="--method",
+                remedy="leave it out",
+            )
+        document = with_changes(study_document(flight), changes)
+        rebuilt = Rebuilt(document, Path(flight.model).stem, flight.model)
+    scenario = rebuilt.scenario()
     with named_after(rebuilt.where), progress_bar(progress) as show_progress:
-        campaign = fly_campaign(scenario, runs, seed, method, show_progress, execution, rebuilt)
+        campaign = fly_campaign(
+            scenario, runs, seed, method or "main", show_progress, execution, rebuilt
+        )
         judgement, complete = _judgement_of(campaign, levels, show_progress)
     out = execution.out
     print_campaign(campaign, details=details_in(out), judgement=judgement)
@@ -503,59 +435,3 @@ def _judgement_of(
         return judge(campaign, causes=all_runs, levels=levels), True
     except KeyboardInterrupt:
         return judge(campaign, causes=False), False
-
-
-# ---- flightid design: the maneuver to fly
-
-
-def design_maneuver(
-    request: DesignRequest, out: Path | None, figures: Formats, *, progress: bool = True
-) -> None:
-    """Design a maneuver, write it into ``out`` and print it.
-
-    ``progress`` : whether a progress bar is shown.
-    """
-    from scenarios.maneuver_design.design import design
-    from scenarios.maneuver_design.report import design_text
-    from scenarios.report.summary import terminal_width
-
-    with progress_bar(progress) as show_progress:
-        result = design(request, show_progress)
-        if out is not None:
-            from scenarios.maneuver_design.report import write_design
-
-            write_design(result, out, figures=figures)
-    print(design_text(result, terminal_width(), details_in(out)), end="")
-    if out is not None:
-        print(written_to(out))
-
-
-# ---- flightid report: pages of study folders, written again
-
-
-def rebuild_pages(folders: Sequence[Path], *, tables: bool = False, pdf: bool = False) -> None:
-    """Write ``report.html`` of each folder again.
-
-    Parameters
-    ----------
-    folders : study folders.
-    tables : also write the tables as Markdown, LaTeX and XLSX.
-    pdf : also write the page as ``report.pdf``.
-
-    Raises
-    ------
-    FlightidError : a folder has no content of a page.
-    """
-    from scenarios.report.folder import rebuilt, stored_page
-
-    for folder in folders:
-        print(f"written to {rebuilt(folder)}")
-        if tables:
-            from scenarios.report.folder import write_tables
-
-            files = write_tables(stored_page(folder), folder)
-            print(f"tables: {', '.join(map(str, files))}")
-        if pdf:
-            from scenarios.report.folder import write_pdf
-
-            print(f"PDF: {write_pdf(folder)}")

@@ -37,14 +37,14 @@ from scenarios.diagnosis.diagnose import SPIKES, Tracing, diagnose_files
 from scenarios.files.declarations import read_toml_source
 from scenarios.files.vehicles import ALSO_READ
 from scenarios.preparation.plan import Request
-from scenarios.trials.planted.declaration import (
+from scenarios.trials.planted_declaration import (
     CLOSED_LOOP,
     Grade,
     TraceScenario,
     grade,
     true_vehicle,
 )
-from scenarios.trials.planted.flights import (
+from scenarios.trials.planted_flights import (
     SimulatedTrace,
     elastic_modes,
     fly_loop,
@@ -564,7 +564,6 @@ def _derivatives(
 
 
 def _effects(tracing: Tracing, truth: DeclaredTruth, comparable: Comparable) -> tuple[Scored, ...]:
-    """Return the parameters of the found effects, with their reference values."""
     d = tracing.diagnosis
     return tuple(
         Scored(

@@ -1,15 +1,16 @@
-"""ArduPilot DataFlash logs by pymavlink: each message and instance is a topic with its own clock in
+"""Logs of autopilots, ArduPilot and PX4: each message and instance is a topic with its own clock in
 microseconds.
 
-Of a binary log, pymavlink reads the formats, the units, and the positions of the messages. NumPy
-then reads the numbers from the bytes, since a log may have hundreds of megabytes. A text log
-(``FMT, 128, 89, FMT, ...``), as ground stations export it, has one message in each line, with
-scaled numbers. Its lines are split here, with the formats and units of pymavlink.
+Of a binary log of ArduPilot, pymavlink reads the formats, the units, and the positions of the
+messages. NumPy then reads the numbers from the bytes, since a log may have hundreds of megabytes. A
+text log (``FMT, 128, 89, FMT, ...``), as ground stations export it, has one message in each line,
+with scaled numbers. Its lines are split here, with the formats and units of pymavlink.
 """
 
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import tempfile
 from collections.abc import Iterator
@@ -19,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from scenarios.files.formats.cells import (
+    Reader,
     Topic,
     begins_with,
     damaged,
@@ -28,12 +30,10 @@ from scenarios.files.formats.cells import (
 )
 from sim.errors import RecordError
 
-FORMAT = "ArduPilot DataFlash"
-SUFFIXES = (".bin",)
+# ---- ArduPilot DataFlash logs by pymavlink
+
 BINARY_START = b"\xa3\x95\x80"
 TEXT_STARTS = (b"\nFMT, 128,", b"\nFMT,128,")
-MAGIC = (BINARY_START, *TEXT_STARTS)
-EXTRA = "drones"
 HEADER_BYTES = 3  # bytes of a message before its fields
 CLOCKS = {"TimeUS": "us", "TimeMS": "ms"}
 FIXED_POINT = "cCeEL"  # format letters of scaled integers
@@ -42,14 +42,14 @@ ADMINISTRATION = ("FMT", "FMTU", "UNIT", "MULT", "PARM", "MSG", "CMD", "MODE", "
 DESCRIPTIONS = ("FMT", "UNIT", "MULT", "FMTU")  # messages that describe the format of the others
 
 
-def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
+def read_ardupilot(path: Path, raw: bytes) -> tuple[Topic, ...]:
     """Return the topics ``ATT``, ``IMU[0]``, ...: one for each message, or for each instance of a
     message with an instance field.
     """
     try:
         from pymavlink import DFReader  # noqa: F401
     except ImportError as error:
-        raise missing_library(error, path, FORMAT, EXTRA) from None
+        raise missing_library(error, path, "ArduPilot DataFlash", "drones") from None
     is_text = any(begins_with(raw, mark) for mark in TEXT_STARTS)
     if is_text and not raw.startswith(BINARY_START):
         topics = _topics_of_text(path, raw)
@@ -61,7 +61,6 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
 
 
 def _topics_of_bytes(path: Path, raw: bytes) -> list[Topic]:
-    """Return the topics of a binary log."""
     from pymavlink.DFReader import DFReader_binary
 
     with tempfile.TemporaryDirectory() as folder:
@@ -80,7 +79,7 @@ def _topics_of_bytes(path: Path, raw: bytes) -> list[Topic]:
             reader.data_map.close()
             reader.filehandle.close()
         except Exception as error:  # a damaged file fails in many ways inside the library
-            raise damaged(error, path, FORMAT) from None
+            raise damaged(error, path, "ArduPilot DataFlash") from None
     return topics
 
 
@@ -119,7 +118,7 @@ def _topics_of_text(path: Path, raw: bytes) -> list[Topic]:
     except RecordError:
         raise
     except Exception as error:  # formats that pymavlink does not know, cells that are no numbers
-        raise damaged(error, path, FORMAT) from None
+        raise damaged(error, path, "ArduPilot DataFlash") from None
     return topics
 
 
@@ -272,3 +271,70 @@ _UNIT_SPELLINGS = {
     "instance": "",
     "%": "%",
 }
+
+
+# ---- PX4 logs (ULog) by pyulog
+
+MOST_READS_WITHOUT_PROGRESS = 100_000
+CLOCK = "timestamp"  # microseconds since the start of the autopilot
+
+
+class _LogBytes(io.BytesIO):
+    """The bytes of a log, with an error after many reads without new bytes: the library does not
+    end in some damaged logs.
+    """
+
+    furthest, reads_without_progress = 0, 0
+
+    def read_px4(self, size: int | None = -1, /) -> bytes:
+        """Read as ``BytesIO``. Raise EOFError after too many reads without new bytes."""
+        content = super().read(size)
+        if self.tell() > self.furthest:
+            self.furthest, self.reads_without_progress = self.tell(), 0
+        else:
+            self.reads_without_progress += 1
+        if self.reads_without_progress > MOST_READS_WITHOUT_PROGRESS:
+            raise EOFError("it is damaged")
+        return content
+
+
+def read_px4(path: Path, raw: bytes) -> tuple[Topic, ...]:
+    """Return the topics ``message`` and, for further instances, ``message_1``, ... Arrays are
+    columns such as ``q[0]``.
+    """
+    try:
+        from pyulog import ULog
+    except ImportError as error:
+        raise missing_library(error, path, "ULog", "drones") from None
+    try:
+        log = ULog(_LogBytes(raw))
+        messages = [
+            (
+                item.name,
+                item.multi_id,
+                {name: np.asarray(values) for name, values in item.data.items()},
+            )
+            for item in log.data_list
+        ]
+    except Exception as error:  # a damaged file fails in many ways inside the library
+        raise damaged(error, path, "ULog") from None
+    topics = []
+    for message, instance, columns in sorted(messages, key=lambda item: (item[0], item[1])):
+        name = f"{message}_{instance}" if instance else message
+        table = table_of_columns(path, columns, {CLOCK: "us"}, place=f"topic {name}")
+        topics.append(Topic(name, table))
+    if not topics:
+        raise no_table(path, (), "log at least one topic")
+    lost_time = sum(int(dropout.duration) for dropout in log.dropouts)  # ms
+    if lost_time:
+        note = (
+            f"the logger dropped data {len(log.dropouts)} times, {lost_time / 1000.0:.2f} s in all"
+        )
+        topics[0] = Topic(topics[0].name, topics[0].table, (note,))
+    return tuple(topics)
+
+
+READERS = (
+    Reader("ArduPilot DataFlash", (".bin",), (BINARY_START, *TEXT_STARTS), read_ardupilot),
+    Reader("ULog", (".ulg", ".ulog"), (b"ULog\x01\x12\x35",), read_px4),
+)

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, Field
 
 from ident.flying_qualities.modes import slowest_oscillation
-from scenarios.files.aircraft_files import vehicle_file_text
+from scenarios.files.aircraft_files import toml_key, vehicle_file_text
 from scenarios.files.declarations import checked
 from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
 from scenarios.files.vehicles import MODELS
@@ -37,7 +37,7 @@ from scenarios.studies.schema import (
     si,
     standard_deviations,
 )
-from scenarios.trials.planted.declaration import (
+from scenarios.trials.planted_declaration import (
     CLOSED_LOOP,
     Expectation,
     HiddenTerm,
@@ -239,7 +239,6 @@ def equivalent_of(scenario: TraceScenario) -> EquivalentSystem:
 def _closed_loop(
     scenario: TraceScenario, generators: Sequence[np.random.Generator]
 ) -> SimulatedTrace:
-    """Simulate the records of a closed loop."""
     from scenarios.x29.declaration import equivalent_values, loop_constants, telemetry_noise
 
     flight, loop = scenario.flight, loop_of(scenario)
@@ -321,15 +320,13 @@ def _own_text(scenario: TraceScenario, model: Model) -> str:
         return vehicle_file_text(aircraft.with_values(started))
     lines = [
         f"name = {json.dumps(model.name)}",
-        *(f"{_key(item.name)} = {item.value!r}" for item in model.parameters if not item.free),
+        *(f"{toml_key(item.name)} = {item.value!r}" for item in model.parameters if not item.free),
     ]
-    lines += ["[derivatives]", *(f"{_key(name)} = {value!r}" for name, value in started.items())]
+    lines += [
+        "[derivatives]",
+        *(f"{toml_key(name)} = {value!r}" for name, value in started.items()),
+    ]
     return "\n".join(lines) + "\n"
-
-
-def _key(name: str) -> str:
-    """Return a name as a TOML key, in quotes if necessary."""
-    return name if name.isascii() else json.dumps(name)
 
 
 def off(item: Parameter, share: float) -> float:

@@ -1,4 +1,4 @@
-"""Commands on libraries: list and show scenarios, effects, vehicles, models and labs."""
+"""Work of the commands on libraries: list and show effects, vehicles, models and labs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scenarios.api.tables import TITLES
+from scenarios.api.tables import TITLES, model_family
 from scenarios.report.summary import (
     TableColumn,
     columns_of,
@@ -33,28 +33,11 @@ if TYPE_CHECKING:
     from sim.declaration.model import Equations, Model
 
 
-# ---- flightid list, flightid effects and flightid vehicles
+# ---- flightid effects and flightid vehicles
 
 LIST_WIDTH = 80  # characters of a line in a list
 WIDEST = 100  # most characters of a line of text or of a table
 UNLIMITED = 1e9  # SI; a bound of at least this size stands for no bound
-
-
-def list_scenarios() -> None:
-    """Print one line for each scenario."""
-    from scenarios.studies.catalogue import scenario_names, scenario_title
-
-    names = scenario_names()
-    width = max(len(name) for name in names)
-    for name in names:
-        print(f"{name:{width}}  {scenario_title(name)}")
-
-
-def show_scenario(name: str) -> None:
-    """Print a scenario's file unchanged, for ``flightid list rigid > mine.toml``."""
-    from scenarios.studies.catalogue import scenario_text
-
-    print(scenario_text(name), end="")
 
 
 CATCH_ALL_TERM = (
@@ -112,12 +95,11 @@ def _list_effects() -> None:
     for name in names:
         effect = find_effect(name)
         start = f"{name:{width}}  {effect.station.value:11}  "
-        clause = _first_clause(effect.explanation)
+        clause = " ".join(effect.explanation.split()).split(". ")[0].split(": ")[0].rstrip(".")
         print(start + textwrap.shorten(clause, LIST_WIDTH - len(start), placeholder=" ..."))
 
 
 def _parameter_columns(effect: Effect) -> list[TableColumn]:
-    """Return unit, start, bounds and plausible range of each parameter."""
     from scenarios.report.quantities import shown_in, unit_cell
 
     units = [shown_in(item.unit, item.name) for item in effect.parameters]
@@ -200,10 +182,6 @@ def show_vehicles(name: str | None, other: str | None) -> None:
         rows.append((change.name, unit, *values))
     columns = columns_of(("parameter", "unit", name, other), rows, left=2)
     print_table(out, f"{name} against {other}", columns)
-
-
-def _first_clause(text: str) -> str:
-    return " ".join(text.split()).split(". ")[0].split(": ")[0].rstrip(".")
 
 
 def _range_text(bounds: tuple[float, float], factor: float) -> str:
@@ -298,21 +276,12 @@ def show_example(name: str | None) -> None:
 
 def _built_in_model(name: str) -> tuple[Equations, Mapping[str, str], Mapping[str, str]]:
     """Return the equations of a built-in model, and the units of its constants and parameters."""
-    from scenarios.files.aircraft_files import example
-    from scenarios.files.vehicles import AIRCRAFT
-    from sim.vehicles.factory import FAMILIES, MODE_CONSTANTS, mode_units
+    from sim.vehicles.factory import MODE_CONSTANTS, mode_units
 
-    if name == AIRCRAFT:
-        model = example()
-        constants, parameters = (
-            {item.name: item.unit for item in model.parameters if item.free is free}
-            for free in (False, True)
-        )
-        return model.equations, constants, parameters
     if name != "flexible":
-        return FAMILIES[name]
+        return model_family(name)
     # The flexible model is the rigid one with elastic modes; mode 1 stands for all.
-    equations, rigid_constants, derivatives = FAMILIES["rigid"]
+    equations, rigid_constants, derivatives = model_family("rigid")
     modal = {parameter: unit for parameter, unit, _ in mode_units(1)}
     mode_constants = {
         parameter: unit
@@ -550,7 +519,6 @@ def open_lab(number: int, edit: bool, port: int | None, browser: bool, folder: P
 
 
 def _lab_file(number: int) -> Path:
-    """Return the notebook of a lab; raise DeclarationError if there is no such lab."""
     labs = lab_files()
     if number not in labs:
         raise DeclarationError(
@@ -562,7 +530,6 @@ def _lab_file(number: int) -> Path:
 
 
 def _refuse_taken_port(port: int) -> None:
-    """Raise DeclarationError if another program listens on a port."""
     with socket.socket() as probe:
         if probe.connect_ex((_HOST, port)) == 0:
             raise DeclarationError(

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from scenarios.trials.jsbsim.machine import INERTIA, POUND, READ, SLUG, Condition, _refuse_departure
+from scenarios.trials.jsbsim_machine import INERTIA, POUND, READ, SLUG, Condition, _refuse_departure
 from sim.errors import DeclarationError
 
 CONDITION = Condition("A320", 6000.0, 200.0, 0.0025)
@@ -21,7 +21,7 @@ def astray(phi: float, theta: float) -> bool:
     try:
         _refuse_departure(CONDITION, signals)
     except DeclarationError as error:
-        assert str(error).startswith("key size: A320 goes astray")
+        assert str(error).startswith("key size: A320 departs from controlled flight")
         return True
     return False
 
@@ -36,7 +36,7 @@ def test_a_flight_goes_astray_beyond_75_degrees_of_bank_and_60_of_pitch(sign: fl
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_a_flight_whose_numbers_end_goes_astray(bad: float) -> None:
-    with pytest.raises(DeclarationError, match="goes astray"):
+    with pytest.raises(DeclarationError, match="departs from controlled flight"):
         _refuse_departure(
             CONDITION, {"phi": np.zeros(3), "theta": np.zeros(3), "q": np.array([0.0, bad, 0.0])}
         )

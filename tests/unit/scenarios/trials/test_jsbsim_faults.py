@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenarios.trials.jsbsim.declaration import (
+from scenarios.trials.jsbsim_declaration import (
     HAND_TRAVEL_TIME,
     SLOTS,
     JsbsimFlight,
@@ -15,7 +15,7 @@ from scenarios.trials.jsbsim.declaration import (
     by_hand,
     commands,
     named,
-    spoiled,
+    with_faults,
 )
 
 FLIGHT = JsbsimFlight(
@@ -48,7 +48,7 @@ def test_a_drive_ahead_of_play_moves_the_surface_as_it_moved(half: float) -> Non
 
 def test_late_channels_and_late_surfaces() -> None:
     signals = {"time": TIME, "beta": np.sin(TIME), "rudder": np.sin(TIME)}
-    shown = spoiled(signals, replace(FLIGHT, late={"beta": 0.1, "rudder": 0.05}))
+    shown = with_faults(signals, replace(FLIGHT, late={"beta": 0.1, "rudder": 0.05}))
     inner = slice(100, -100)
     np.testing.assert_allclose(shown["beta"][inner], np.sin(TIME - 0.1)[inner], atol=1e-5)
     # The aircraft's rudder is where its record was 0.05 s earlier.
@@ -65,11 +65,11 @@ def test_vanes_ahead_feel_the_turning() -> None:
         "r": 0.2 * ones,
         "airspeed": 50.0 * ones,
     }
-    shown = spoiled(signals, replace(FLIGHT, vane_ahead=5.0))
+    shown = with_faults(signals, replace(FLIGHT, vane_ahead=5.0))
     assert shown["alpha"][0] == pytest.approx(0.1 - 0.02) and shown["beta"][0] == pytest.approx(
         0.02
     )
-    assert spoiled(signals, FLIGHT)["alpha"] is signals["alpha"]
+    assert with_faults(signals, FLIGHT)["alpha"] is signals["alpha"]
 
 
 def test_what_was_put_in_has_the_names_of_the_library() -> None:

@@ -43,9 +43,9 @@ from scenarios.report.quantities import quantity_text, shown_in
 from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
 from scenarios.studies.comparison import distance_text
-from scenarios.trials.planted.declaration import hidden_units
-from scenarios.trials.planted.flights import write_simulated
-from scenarios.trials.planted.study import TRUE, Scored, TraceStudy
+from scenarios.trials.planted_declaration import hidden_units
+from scenarios.trials.planted_flights import write_simulated
+from scenarios.trials.planted_study import TRUE, Scored, TraceStudy
 
 # ---- A tracing study in words and tables for the terminal
 
@@ -214,7 +214,6 @@ def _comparable(row: Scored, factor: float) -> Cell:
 
 
 def _hidden(study: TraceStudy) -> str:
-    """Return the hidden terms with their values in words."""
     flight, terms = study.scenario.flight, []
     for name, values in study.simulated.hidden.items():
         units = hidden_units(name, flight.own if flight.own is not None else flight.vehicle, name)
@@ -287,7 +286,7 @@ def write_trace(study: TraceStudy, folder: str | Path, *, figures: Formats = USU
 
 def write_trial(
     tracing: Tracing,
-    given: Callable[[Path], object],
+    write_inputs: Callable[[Path], object],
     truth: dict[str, Any],
     comparison: dict[str, Any],
     folder: str | Path,
@@ -299,7 +298,7 @@ def write_trial(
 
     Parameters
     ----------
-    given : writes records and vehicle file into a folder.
+    write_inputs : writes records and vehicle file into a folder.
     truth, comparison : content of ``truth.json`` and ``comparison.json``.
     dressed : returns the page of the diagnosis with additions.
 
@@ -309,14 +308,13 @@ def write_trial(
     """
     write_diagnosis(tracing, folder, figures=figures, dressed=dressed)
     with study_folder(folder, MAIN) as scratch:
-        given(scratch)
+        write_inputs(scratch)
         write_json(scratch / "truth.json", truth)
         write_json(scratch / MAIN, comparison)
     return Path(folder)
 
 
 def _write_records(study: TraceStudy, folder: Path) -> None:
-    """Write all three records, the vehicle file, and the prediction of the third record."""
     write_simulated(study.simulated, folder)
     write_record(folder, study.simulated.test, "test", simulated=True)
     write_prediction(folder / "test_prediction.csv", study.test.predictions[0])
@@ -404,7 +402,6 @@ def _derived(
 
 
 def _third(study: TraceStudy) -> dict[str, Any]:
-    """Return the prediction errors on the third record, in the units of the channels."""
     test, units = study.test, channel_units(study.tracing.model)
     channels = test.predictions[0].channels
     return {

@@ -15,22 +15,22 @@ from pydantic_core import PydanticUndefined
 
 from scenarios.files.vehicles import read_vehicle
 from scenarios.studies.catalogue import load_document
-from scenarios.trials.jsbsim import flight as flights
-from scenarios.trials.jsbsim.declaration import (
+from scenarios.trials import jsbsim_flight as flights
+from scenarios.trials.jsbsim_declaration import (
     CONDITIONS,
     OUTPUTS,
     JsbsimFlight,
     package_folder,
     surfaces_of,
 )
-from scenarios.trials.jsbsim.flight import (
+from scenarios.trials.jsbsim_flight import (
     JsbsimTruth,
     fly_jsbsim,
     jsbsim_of,
     vehicle_text,
     write_jsbsim,
 )
-from scenarios.trials.jsbsim.machine import Condition, JsbsimSignals, fly
+from scenarios.trials.jsbsim_machine import Condition, JsbsimSignals, fly
 from sim.errors import DeclarationError
 from sim.record import Record
 
@@ -209,7 +209,7 @@ def shown(default: Any) -> str:
 
 
 def test_keys_and_defaults_are_documented() -> None:
-    text = (Path(__file__).parents[5] / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[4] / "docs" / "scenarios.md").read_text(encoding="utf-8")
     section = text.split("\n## Flights by JSBSim\n")[1]
     rows = [line.strip("|").split("|") for line in section.splitlines() if line.startswith("| `")]
     documented = {key.strip().strip("`"): default.strip() for key, default, *_ in rows}

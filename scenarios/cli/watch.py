@@ -91,10 +91,10 @@ def watch_stream(
     idle: float | None,
     until_end: bool,
     refine: bool,
-    page: bool = False,
-    port: int | None = None,
-    plan: Plan | None = None,
-    band: tuple[float, float] | None = None,
+    page: bool,
+    port: int | None,
+    plan: Plan,
+    band: tuple[float, float] | None,
 ) -> None:
     """Identify a stream until it ends, print the result and write it.
 
@@ -238,7 +238,7 @@ def watch_loop(
     until_end: bool,
     page: bool,
     port: int | None,
-    plan: Plan | None,
+    plan: Plan,
     band: tuple[float, float] | None,
 ) -> None:
     """Estimate the stability margins of a loop every second until the stream ends; print and write.
@@ -249,7 +249,7 @@ def watch_loop(
     from scenarios.watching.show import print_loop_end, served_loop, write_loop
 
     refuse_page(port, page)
-    if plan is not None and plan.hold is not None:
+    if plan.hold is not None:
         raise DeclarationError(
             "margins use no input between samples", where="--hold", remedy="leave it out"
         )
@@ -305,7 +305,6 @@ def refuse_page(port: int | None, page: bool) -> None:
 
 
 def _report_unfinished(watch: Watch, lines: Lines) -> None:
-    """Report a last line that is incomplete."""
     if lines.unfinished and watch.header is not None:
         watch.line += 1
         report(watch, [Fault(watch.line, UNFINISHED)])
@@ -346,7 +345,7 @@ def _watch_of(
     reference: Path | None,
     channels: Path | None,
     refine: bool,
-    plan: Plan | None,
+    plan: Plan,
     needed: Sequence[str],
 ) -> Watch:
     """Return the state of a watch before its first row; the parameters are those of
@@ -355,40 +354,25 @@ def _watch_of(
     ``needed`` are the parameters that the reference must have.
     """
     from scenarios.files.declarations import read_channel_map
-    from scenarios.files.measured.columns import read_sidecar
+    from scenarios.files.measured.columns import Sidecar, read_sidecar
     from scenarios.preparation.plan import BY_HAND
 
     reference_values = read_reference(reference, needed) if reference is not None else None
     choices = read_channel_map(channels) if channels is not None else None
-    columns, rate, hold = (
-        (plan.columns, plan.rate, plan.hold) if plan is not None else ((), None, None)
-    )
-    if record == PIPE:
-        return Watch(
-            "standard input",
-            vehicle,
-            reference_values,
-            choices,
-            {},
-            refine,
-            columns=columns,
-            rate=rate,
-            hold=hold,
-        )
-    sidecar = read_sidecar(Path(record))
-    hold_from = BY_HAND
+    sidecar = Sidecar() if record == PIPE else read_sidecar(Path(record))
+    hold, hold_from = plan.hold, BY_HAND
     if hold is None and sidecar.says_hold:
         hold, hold_from = sidecar.hold, f"as {sidecar.file} says"
     return Watch(
-        record,
+        "standard input" if record == PIPE else record,
         vehicle,
         reference_values,
         choices,
         sidecar.units,
         refine,
         sidecar.file,
-        columns,
-        rate,
+        plan.columns,
+        plan.rate,
         hold,
         hold_from,
     )
@@ -396,7 +380,6 @@ def _watch_of(
 
 @contextmanager
 def _open_stream(record: str, until_end: bool) -> Iterator[Read]:
-    """Open the stream and yield the function that reads it."""
     if record == PIPE:
         yield standard_input()
         return
