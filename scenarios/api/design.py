@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from ident.structure.coefficients import DERIVATIVE_BANDWIDTH
+from scenarios import structure as structures
 from scenarios.api import tables
 from scenarios.api.identification import Saved, refuse_no_study
 from scenarios.api.record import Record, record_of
@@ -34,7 +35,6 @@ from scenarios.maneuver_design.report import design_text, verdict_of
 from scenarios.maneuver_design.setting import TYPICAL, DesignRequest
 from scenarios.maneuver_design.tables import maneuvers_table, peaks_of
 from scenarios.report.figure_formats import formats_wanted
-from scenarios.structure import study as structures
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
@@ -248,7 +248,7 @@ class Structure:
 
     def summary(self) -> str:
         """Return the text that the command prints."""
-        from scenarios.structure.report import structure_text
+        from scenarios.structure_report import structure_text
 
         return structure_text(self.details)
 
@@ -271,13 +271,13 @@ class Structure:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of ``structure.json``."""
-        from scenarios.structure.report import structure_content
+        from scenarios.structure_report import structure_content
 
         return structure_content(self.details)
 
     def save(self, folder: str | PathLike[str], *, figures: bool = True) -> Path:
         """Write table, page, JSON and ``vehicle.toml`` as the command does; returns the folder."""
-        from scenarios.structure.report import write_structure
+        from scenarios.structure_report import write_structure
 
         return write_structure(self.details, path_given(folder), figures=formats_wanted(figures))
 

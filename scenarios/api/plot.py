@@ -19,7 +19,7 @@ from sim.errors import DeclarationError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from scenarios.compatibility.check import CompatibilityCheck
+    from scenarios.compatibility import CompatibilityCheck
     from scenarios.diagnosis.diagnose import Tracing
     from scenarios.identification.identify import Identified
     from scenarios.maneuvers import FoundManeuvers

@@ -500,7 +500,7 @@ def structure(
     would separate them.
     """
     from scenarios.commands.records import find_structure
-    from scenarios.structure.study import StructureOptions
+    from scenarios.structure import StructureOptions
 
     plan = preparation.plan(records)
     request = Request(

@@ -7,8 +7,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from scenarios.compatibility.check import check_files
-from scenarios.compatibility.report import print_check
+from scenarios.compatibility import check_files
+from scenarios.compatibility_report import print_check
 from scenarios.files.measured.columns import read_record_file, with_names
 from scenarios.files.writing import unwritable, write_text
 from scenarios.identification.assessment import DEFAULT_OPTIONS, Options
@@ -43,7 +43,7 @@ from scenarios.responses.report import print_responses
 from sim.errors import DeclarationError, RecordError
 
 if TYPE_CHECKING:
-    from scenarios.structure.study import StructureOptions
+    from scenarios.structure import StructureOptions
 
 # Shares of the work, in the progress bar, that are done when the writing of a study begins.
 WRITING_SURVEY_SHARE, WRITING_DIAGNOSIS_SHARE = 0.98, 0.97
@@ -55,7 +55,7 @@ def check_records(request: Request, out: Path | None, figures: Formats) -> None:
     """Check records, write the study into ``out`` and print the findings."""
     check = check_files(request)
     if out is not None:
-        from scenarios.compatibility.report import write_check
+        from scenarios.compatibility_report import write_check
 
         write_check(check, out, figures=figures)
     print_check(check, details=details_in(out))
@@ -502,8 +502,8 @@ def find_structure(
     out : folder of the study; it also gets a vehicle file with the terms.
     figures : formats of the figures.
     """
-    from scenarios.structure.report import structure_text, write_structure
-    from scenarios.structure.study import structure_of_files
+    from scenarios.structure import structure_of_files
+    from scenarios.structure_report import structure_text, write_structure
 
     structure = structure_of_files(request, options)
     if out is not None:

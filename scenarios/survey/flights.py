@@ -532,8 +532,8 @@ def diagnosed(flight: SurveyFlight, folder: Path, figures: Formats) -> dict[str,
 
 def kinematics_of(flight: SurveyFlight) -> dict[str, Any]:
     """Return the kinematic check of the sensors of a flight, or the reason why there is none."""
-    from scenarios.compatibility.check import check_files
-    from scenarios.compatibility.report import finding_lines
+    from scenarios.compatibility import check_files
+    from scenarios.compatibility_report import finding_lines
 
     try:
         result = check_files(flight.request())

@@ -638,8 +638,8 @@ SCENARIOS = (
         (" / effect.recurrence.probability[number]", ""),
     ),
     *changes(
-        "scenarios/side_by_side/comparison.py",
-        ("tests/unit/scenarios/side_by_side/test_value.py",),
+        "scenarios/side_by_side.py",
+        ("tests/unit/scenarios/test_side_by_side.py",),
         (
             "(self.estimate - self.reference) / abs(self.reference)",
             "(self.estimate - self.reference) / self.reference",
@@ -705,8 +705,8 @@ SCENARIOS = (
         ("if factor > 1.0\n", "if factor < 1.0\n"),
     ),
     *changes(
-        "scenarios/compatibility/check.py",
-        ("tests/unit/scenarios/compatibility/test_check.py",),
+        "scenarios/compatibility.py",
+        ("tests/unit/scenarios/test_compatibility.py",),
         ("2.0 * np.maximum(np.where(pressure", "np.maximum(np.where(pressure"),
     ),
     *changes(

@@ -16,7 +16,7 @@ import numpy as np
 from flightid.labs.workings.trying import KEPT
 
 if TYPE_CHECKING:
-    from scenarios.structure.study import FoundStructure
+    from scenarios.structure import FoundStructure
     from sim.record import Record
     from sim.vehicles.aircraft import Aircraft
 
@@ -188,7 +188,7 @@ def study(
     noise : of all sensors, times the usual.
     degree : of the products of signals offered.
     """
-    from scenarios.structure.study import StructureOptions, predicted_r2, structure_of
+    from scenarios.structure import StructureOptions, predicted_r2, structure_of
 
     records = tuple(flown(kind, linked, noise, number) for number in range(maneuvers))
     held_out = flown(kind, False, noise, MOST)
@@ -206,7 +206,7 @@ def shown(studied: Studied, axis: str) -> dict[str, tuple[np.ndarray, np.ndarray
     """Time, measured and modelled coefficient, each ``(M,)``: of the last maneuver that is fitted
     and of the one that never is.
     """
-    from scenarios.structure.study import coefficients_of
+    from scenarios.structure import coefficients_of
 
     found, terms = studied.found, studied.found.selections[axis].table
     drawn = {}
@@ -260,7 +260,7 @@ def held_out(studied: Studied, axis: str) -> str:
 
 def told(studied: Studied, axis: str) -> list[str]:
     """Return the command's sentences on a coefficient and on surfaces that move together."""
-    from scenarios.structure.report import findings
+    from scenarios.structure_report import findings
 
     lines = findings(studied.found)
     advice = studied.found.collinearity[axis].advice

@@ -455,7 +455,7 @@ def finding_sentence(finding: SensorFinding, wording: Wording) -> str:
         claim = Claim(finding.name, {_parameter(finding): quantity}, finding.group)
         return f"{finding.name} {with_sigma(quantity)}, {group_sentence(claim, wording)}"
     # Some faults, as a bias or the position of the accelerometer package, are not library effects.
-    from scenarios.compatibility.report import fault_text, fit_as_well
+    from scenarios.compatibility_report import fault_text, fit_as_well
 
     group = f" ({fit_as_well(finding.group)})" if finding.group else ""
     return f"{finding.name}, {fault_text(finding)}{group}"

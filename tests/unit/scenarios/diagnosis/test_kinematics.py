@@ -21,7 +21,7 @@ from ident.compatibility.trials import (
 )
 from ident.compatibility.trials import FaultQuantity as Value
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
-from scenarios.compatibility.check import check_files
+from scenarios.compatibility import check_files
 from scenarios.diagnosis.kinematics import (
     AGREES,
     CONTRADICTS,

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
-from scenarios.compatibility.check import check_files
+from scenarios.compatibility import check_files
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.preparation.plan import Plan, Request, Segment
 from sim.record import Record

@@ -39,7 +39,7 @@ from scenarios.plots.studies import (
     figure_squares,
 )
 from scenarios.plots.style import make_sheet
-from scenarios.side_by_side.comparison import StudyResponses, Value
+from scenarios.side_by_side import StudyResponses, Value
 from tests.diagnoses import BALLISTIC, LOES, spread_tracing, tracing_of
 from tests.figure_laws import broken_laws, words
 from tests.unit.scenarios.plots.conftest import Study

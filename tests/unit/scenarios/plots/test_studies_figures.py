@@ -22,7 +22,7 @@ from scenarios.plots.studies import (
     figure_determination,
     figure_flexibility,
 )
-from scenarios.side_by_side.comparison import StudyResponses, Value
+from scenarios.side_by_side import StudyResponses, Value
 
 ROWS: dict[str, list[Value | None]] = {
     "CL_alpha": [Value(2.9, 0.1, "1/rad", 3.0, None, (3.4, 0.05)), None],

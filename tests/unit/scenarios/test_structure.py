@@ -18,19 +18,19 @@ from scenarios.files.declarations import read_toml_source
 from scenarios.files.vehicles import with_plain_terms
 from scenarios.files.writing import write_record
 from scenarios.preparation.plan import Request
-from scenarios.structure.report import (
-    coefficient_figure,
-    findings,
-    structure_text,
-    write_structure,
-)
-from scenarios.structure.study import (
+from scenarios.structure import (
     FoundStructure,
     StructureOptions,
     coefficients_of,
     hold_of_inputs,
     structure_of,
     structure_of_files,
+)
+from scenarios.structure_report import (
+    coefficient_figure,
+    findings,
+    structure_text,
+    write_structure,
 )
 from sim.aerodynamics import Term, parents
 from sim.declaration.compile import compile_model

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from scenarios.side_by_side.comparison import Value
+from scenarios.side_by_side import Value
 from scenarios.studies.declaration import Start
 from scenarios.studies.published import Row
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from ident.compatibility.trials import SensorFinding
-from scenarios.compatibility.check import _with_speed
-from scenarios.compatibility.report import fault_text, sentence
+from scenarios.compatibility import _with_speed
+from scenarios.compatibility_report import fault_text, sentence
 from sim.record import Channel, Record
 
 TIME = np.arange(4) * 0.1

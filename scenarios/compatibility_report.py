@@ -19,7 +19,7 @@ from ident.compatibility.trials import (
     SensorEstimate,
     SensorFinding,
 )
-from scenarios.compatibility.check import (
+from scenarios.compatibility import (
     CompatibilityCheck,
     equivalent_constant,
     lacks_airspeed,

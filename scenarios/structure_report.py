@@ -37,7 +37,7 @@ from scenarios.report.folder import write_page
 from scenarios.report.quantities import shown_in, spaced
 from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapped
 from scenarios.report.terminal import rows_table, table_as_lines
-from scenarios.structure.study import FoundStructure
+from scenarios.structure import FoundStructure
 from sim.aerodynamics import Term
 
 if TYPE_CHECKING:

@@ -22,8 +22,8 @@ from ident.structure.products import covariance_of, products_of, values_of
 from ident.structure.selection import orthogonal, stepwise
 from scenarios.files.aircraft_files import read_aircraft
 from scenarios.files.declarations import read_toml_source
-from scenarios.structure.report import findings
-from scenarios.structure.study import StructureOptions, predicted_r2, structure_of
+from scenarios.structure import StructureOptions, predicted_r2, structure_of
+from scenarios.structure_report import findings
 from sim.aerodynamics import Term, parse_term
 from sim.record import Record
 from sim.vehicles.aircraft import Aircraft

@@ -40,7 +40,7 @@ from scenarios.report.folder import figures, write_page
 from scenarios.report.quantities import console, shown_in
 from scenarios.report.summary import GAP, print_paragraph
 from scenarios.report.terminal import show_blocks
-from scenarios.side_by_side.comparison import SideBySide, StudyColumn, Value
+from scenarios.side_by_side import SideBySide, StudyColumn, Value
 
 if TYPE_CHECKING:
     from scenarios.plots.drawing import Named
