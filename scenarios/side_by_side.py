@@ -326,12 +326,10 @@ def compare_columns(columns: Sequence[StudyColumn]) -> SideBySide:
 
 
 def _units(name: str, values_by_column: Sequence[Mapping[str, Value]]) -> set[str]:
-    """Return the units of a parameter in all studies."""
     return {values[name].unit for values in values_by_column if name in values}
 
 
 def _first_names(names: Iterable[str]) -> str:
-    """Return the first three names for a message."""
     ordered = _ordered(names)
     return ", ".join(ordered[:3]) + (", ..." if len(ordered) > 3 else "") if ordered else "none"
 
@@ -528,7 +526,6 @@ def _value(entry: Mapping[str, Any]) -> Value | None:
 
 
 def _number(value: Any) -> float | None:
-    """Return a finite number, or None."""
     return (
         float(value)
         if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

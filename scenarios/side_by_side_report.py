@@ -99,7 +99,6 @@ def compared_csv(compared: SideBySide) -> str:
 
 
 def _study(column: StudyColumn) -> dict[str, Any]:
-    """Return the description of a study for ``compared.json``."""
     return {
         "label": column.label,
         "folder": str(column.folder),
@@ -112,7 +111,6 @@ def _study(column: StudyColumn) -> dict[str, Any]:
 
 
 def _table(compared: SideBySide, names: tuple[str, ...]) -> dict[str, Any]:
-    """Return unit and values of each parameter for ``compared.json``."""
     return {
         name: {
             "unit": compared.unit(name),
@@ -127,7 +125,6 @@ def _table(compared: SideBySide, names: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _row(value: Value) -> dict[str, Any]:
-    """Return the numbers of a parameter in a study; missing numbers are left out."""
     errors = {"error_percent": value.percent, "error_sigmas": value.sigmas}
     row: dict[str, Any] = {"estimate": value.estimate} | _known(
         {"std": value.std or None, "true": value.true, "condensed": value.condensed, **errors}
@@ -142,7 +139,6 @@ def _row(value: Value) -> dict[str, Any]:
 
 
 def _known(numbers: dict[str, float | None]) -> dict[str, float]:
-    """Return the numbers that are not None."""
     return {name: number for name, number in numbers.items() if number is not None}
 
 
@@ -232,7 +228,6 @@ def compared_page(compared: SideBySide, figure_files: Sequence[Drawn] = ()) -> P
 
 
 def _studies(columns: Sequence[StudyColumn]) -> Table:
-    """Return the table of the studies."""
     headings = (
         Column("study"),
         Column("title"),
@@ -319,7 +314,6 @@ def _table_of(
 
 
 def _shown(compared: SideBySide, name: str, study: StudyColumn) -> Value | None:
-    """Return the value of a parameter in a study, in its display unit."""
     value = compared.value(name, study)
     return value.in_unit(*shown_in(value.unit, name)) if value is not None else None
 
@@ -348,7 +342,6 @@ def _differs(compared: SideBySide, name: str) -> bool:
 
 
 def _error(value: Value) -> Cell:
-    """Return the error of a value in per cent, and in standard deviations in brackets."""
     percent, sigmas = value.percent, value.sigmas
     parts = [f"{percent:+.2f} %"] if percent is not None else []
     parts += [f"({sigmas:+.1f})"] if sigmas is not None else []
@@ -357,7 +350,6 @@ def _error(value: Value) -> Cell:
 
 
 def _published(value: Value) -> Cell:
-    """Return the published value with its standard deviation."""
     if value.published is None:
         return MISSING
     printed, std = value.published
@@ -365,7 +357,6 @@ def _published(value: Value) -> Cell:
 
 
 def _published_error(value: Value) -> Cell:
-    """Return the error of the published value."""
     published = value.published_value
     return MISSING if published is None else _error(published)
 
@@ -396,7 +387,6 @@ def _largest_difference(compared: SideBySide) -> tuple[float | None, str]:
 
 
 def _argument(column: StudyColumn) -> str:
-    """Return the argument of the command for a study."""
     return f"{column.folder}:{column.method}" if column.method else str(column.folder)
 
 

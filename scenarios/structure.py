@@ -440,7 +440,6 @@ def _offered(
 
 
 def _of_file(path: Path, aircraft: Aircraft) -> dict[str, list[Term]]:
-    """Return the terms that a file offers."""
     content = toml_of(read_toml_source(path))
     axes = (*aircraft.forces, *MOMENTS)
     offered: dict[str, list[Term]] = {axis: [Term()] for axis in axes}

@@ -94,7 +94,6 @@ def structure_summary(found: FoundStructure, details: str = BELOW) -> Summary:
 
 
 def _method(found: FoundStructure) -> str:
-    """Return the method in words."""
     hierarchical = ", hierarchical" if found.options.hierarchical else ""
     return METHOD_WORDS[found.options.method] + hierarchical
 

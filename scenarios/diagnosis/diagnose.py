@@ -475,7 +475,6 @@ class _Context:
     overflows: Overflows
 
     def _unnamed_files(self) -> tuple[str, ...]:
-        """Return sentences on the files that were read though the request does not name them."""
         beside = vehicle_next_to(self.request.records[0]) if self.request.vehicle is None else None
         return files_read_unnamed([*self.opened.records, *self.opened.validation], beside)
 
@@ -558,7 +557,6 @@ def _decides(
 
 
 def _guards(model: Model) -> Sequence[Traceable]:
-    """Return the catch-all terms that can act on the model."""
     from sim.effects.library import catch_all_terms_for
 
     return can_act(catch_all_terms_for(model.equations), model)

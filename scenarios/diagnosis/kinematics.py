@@ -318,7 +318,6 @@ def _differ(a: Quantity, b: Quantity, error: float) -> bool:
 
 
 def _distance(a: Quantity, b: Quantity) -> float:
-    """Return the difference of two values in standard deviations."""
     std = math.hypot(a.std, b.std)
     return abs(a.value - b.value) / std if std > 0.0 else math.inf
 

@@ -216,7 +216,6 @@ def _function(name: str, formulas: Formulas, results: Sequence[int], tables: lis
 
 
 def _text(text: str) -> str:
-    """Return a text as a C string."""
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 

@@ -110,7 +110,6 @@ def tied_rows(model: Model, estimate: Estimate) -> tuple[Row, ...]:
 
 
 def _pressed(model: Model, estimate: Estimate) -> list[AtBound]:
-    """Return the parameters that an estimate has at their bounds."""
     return [
         AtBound(name, item.bounds[0 if side == "lower" else 1], item.unit, side)
         for name, value in estimate.as_dict().items()
@@ -328,7 +327,6 @@ def pooled_fits(fits: Sequence[RecordFit], parted: Sequence[PartedRecord]) -> tu
 
 
 def _whole(parted: PartedRecord, parts: Sequence[RecordFit]) -> RecordFit:
-    """Return the simulation of a record from those of its parts."""
     record, (rows,) = put_together(
         parted, [part.record for part in parts], [[part.simulated for part in parts]]
     )

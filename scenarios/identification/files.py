@@ -366,7 +366,6 @@ def identification_content(
 
 
 def _validated(files: Sequence[InputFile]) -> dict[str, list[str]]:
-    """Return the names and hashes of the files that were predicted, not fitted."""
     return (
         {
             "validation": [file.name for file in files],
@@ -378,7 +377,6 @@ def _validated(files: Sequence[InputFile]) -> dict[str, list[str]]:
 
 
 def _model_file(found: IdentificationResult) -> dict[str, str]:
-    """Name and hash of a user's own model file."""
     file = found.vehicle.own_file
     return {"model": file.name, "model_sha256": file.sha256} if file is not None else {}
 

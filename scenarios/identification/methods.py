@@ -541,7 +541,6 @@ def _about_fit(model: Model, fit: Estimate) -> Model:
 
 
 def _values_of(fit: Estimate) -> dict[str, float]:
-    """Return the values of a fit by name; empty if it has not converged to finite values."""
     has_converged = fit.outcome in (Outcome.CONVERGED, Outcome.DEGENERATE)
     if has_converged and np.all(np.isfinite([*fit.values, *fit.std])):
         return fit.as_dict()

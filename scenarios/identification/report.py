@@ -453,7 +453,6 @@ def _considered(found: IdentificationResult) -> list[Block]:
 
 
 def _intervals(found: IdentificationResult) -> list[Block]:
-    """Return the table of profile intervals with notes, if there are any."""
     if not found.intervals:
         return []
     units = {row.name: row.unit for row in found.rows}
@@ -585,7 +584,6 @@ def _model(found: IdentificationResult) -> str:
 
 
 def _command(found: IdentificationResult, files: Sequence[InputFile]) -> list[str]:
-    """Return the command line of this identification, as far as the result tells."""
     vehicle = found.vehicle.identity
     given = ["--vehicle", os.fspath(vehicle.name)] if vehicle is not None else []
     return [

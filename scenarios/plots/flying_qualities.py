@@ -418,7 +418,6 @@ def charts_of(qualities: Any) -> list[Callable[[Any, Any], None]]:
 
 
 def _draw_anticipation(panel: Any, qualities: Any) -> None:
-    """Draw damping ratio and control anticipation parameter with the limits of MIL-STD-1797A."""
     names = ("damping_ratio", "control_anticipation")
     damping, cap = (qualities.numbers[name][0] for name in names)
     largest_damping, largest_cap = 5.0, 20.0
@@ -446,7 +445,6 @@ def _draw_anticipation(panel: Any, qualities: Any) -> None:
 
 
 def _draw_bandwidth(panel: Any, qualities: Any) -> None:
-    """Draw bandwidth and phase delay with the limits of MIL-STD-1797A."""
     band, delay = (qualities.numbers[name][0] for name in ("bandwidth", "phase_delay"))
     largest_band, largest_delay = max(12.0, 1.25 * band.value), max(0.2, 1.4 * delay.value)
     for level, points in enumerate(() if qualities.of_pitch is False else PITCH_LEVELS):
@@ -470,7 +468,6 @@ def _limits_of_pitch(qualities: Any, words: str) -> str:
 
 
 def _draw_pilot(panel: Any, qualities: Any) -> None:
-    """Draw compensation and resonance of the Neal-Smith criterion with the limits of its levels."""
     result = qualities.pilot
     phase, resonance = result.compensation, result.resonance
     width = max(60.0, 1.3 * abs(phase.value))
@@ -487,7 +484,6 @@ def _draw_pilot(panel: Any, qualities: Any) -> None:
 
 
 def _draw_dropback(panel: Any, qualities: Any) -> None:
-    """Draw dropback and overshoot of the pitch rate."""
     names = ("dropback", "pitch_rate_overshoot")
     dropback, overshoot = (qualities.numbers[name][0] for name in names)
     panel.axvline(0.0, color=GREY, linewidth=0.9, linestyle=":")

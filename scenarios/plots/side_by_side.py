@@ -231,7 +231,6 @@ def figure_studies_responses(
 
 
 def _draw_estimate(panel: Axes, x: float, value: StudyValue, factor: float) -> None:
-    """Draw the values of a parameter in one study, times ``factor``."""
     if value.true is not None:
         panel.plot([x - 0.4, x + 0.4], [factor * value.true] * 2, label="true", **TRUE)
     if value.condensed is not None:
@@ -256,7 +255,6 @@ def _draw_estimate(panel: Axes, x: float, value: StudyValue, factor: float) -> N
 def _draw_errors(
     percent: Axes, sigmas: Axes, value: StudyValue, y: float, style: Mapping[str, Any]
 ) -> None:
-    """Draw the error of one value in both panels, if it is known."""
     if value.percent is not None:
         _mark(percent, value.percent, CLIPPED_PERCENT, y, style, "%")
     if value.sigmas is not None:

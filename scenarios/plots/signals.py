@@ -206,7 +206,6 @@ def context(record: Record, shown: Sequence[str]) -> list[Channel]:
 
 
 def _draw_channels(panels: Sequence[Axes], record: Record, channels: Sequence[Channel]) -> None:
-    """Draw each channel in a panel of its own; held inputs as steps."""
     is_held = record.hold is Hold.PREVIOUS
     for panel, channel in zip(panels, channels, strict=False):
         unit = display_unit(channel.unit)
@@ -411,7 +410,6 @@ def _settled_limit(error: np.ndarray, std: np.ndarray, after: float = 0.5) -> fl
 
 
 def _range(arrays: list[np.ndarray]) -> tuple[float, float]:
-    """Return the range of all arrays with a margin."""
     filled = [array for array in arrays if array.size]
     if not filled:
         return 0.0, 1.0

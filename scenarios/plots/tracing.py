@@ -247,7 +247,6 @@ def _places(drawn: _Round) -> list[float]:
 
 
 def _colour_and_label(candidate: Candidate, standing: NamedEffects) -> tuple[str, str]:
-    """Return colour and legend label of a candidate's bar."""
     colour, role = GREY, "other"
     if candidate.name in standing.claimed:
         colour, role = BLUE, "claimed"
@@ -333,7 +332,6 @@ def _text_style(inches: float, side: str = "right") -> dict[str, Any]:
 
 
 def _finish_axes(sheet: Sheet, rounds: Sequence[_Round]) -> None:
-    """Set limits, ticks and the label of the abscissa."""
     for panel, drawn in zip(sheet.panels, rounds, strict=True):
         panel.tick_params(axis="y", length=0)
         panel.grid(False, axis="y")

@@ -252,7 +252,6 @@ def _widths(columns: Sequence[TableColumn], width: int) -> list[int]:
 
 
 def _total_width(widths: Sequence[int]) -> int:
-    """Return the width of a table with columns of these widths."""
     return len(INDENT) + sum(widths) + len(GAP) * (len(widths) - 1)
 
 
@@ -411,7 +410,6 @@ def changes(before: Sequence[ModeLevel], after: Sequence[ModeLevel]) -> list[str
 
 
 def _level_name(number: int) -> str:
-    """Return a level in words."""
     return "below level 3" if number == WORST_LEVEL else f"level {number}"
 
 
@@ -424,7 +422,6 @@ def _percent(probability: float) -> str:
 
 
 def _content(level: ModeLevel) -> dict[str, Any]:
-    """Return the level of a mode as JSON."""
     content: dict[str, Any] = {
         "level": level.level,
         "probability": level.probability,

@@ -376,7 +376,6 @@ def against_items(items: Sequence[CrossValidation], name: str) -> str:
 
 
 def _word(name: str) -> str:
-    """Return a quantity in words, or its symbol."""
     return WORDS.get(name, name)
 
 

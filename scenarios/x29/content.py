@@ -317,7 +317,6 @@ def _margins(margins: Margins) -> dict[str, float]:
 
 
 def _against(study: LoopStudy) -> dict[str, Any]:
-    """Return the other scenario that the study is compared with, if there is one."""
     against = study.scenario.against
     if study.other is None or study.differences is None or against is None:
         return {}
@@ -348,7 +347,6 @@ def _against(study: LoopStudy) -> dict[str, Any]:
 
 
 def _further(study: LoopStudy) -> dict[str, Any]:
-    """Return the further estimates that the scenario declares."""
     out: dict[str, Any] = {}
     if study.together:
         out["together"] = {

@@ -269,7 +269,6 @@ def _undetermined(d: Diagnosis) -> list[str]:
 
 
 def _inputs(tracing: Tracing) -> dict[str, Any]:
-    """Return names and hashes of the files."""
     inputs = tracing.inputs
     content: dict[str, Any] = {
         "records": [file.name for file in inputs.records],

@@ -443,14 +443,12 @@ def _search(tracing: Tracing) -> tuple[Section, ...]:
 
 
 def _tests(d: Diagnosis) -> list[tuple[str, tuple[ResidualTest, ...]]]:
-    """Return the residual tests of each model, after its name."""
     if declared_alone(d):
         return [(DECLARED, tuple(d.tests_before))]
     return [("before", tuple(d.tests_before)), ("after", tuple(d.tests_after))]
 
 
 def _inputs(tracing: Tracing) -> list[tuple[str, str, str]]:
-    """Return use, name and hash of each file."""
     kind = kind_of_predicted(tracing.diagnosis)
     files = [("fitted", file) for file in tracing.inputs.records] + [
         (kind, file) for file in tracing.inputs.validation
@@ -462,7 +460,6 @@ def _inputs(tracing: Tracing) -> list[tuple[str, str, str]]:
 
 
 def _command(tracing: Tracing) -> list[str]:
-    """Return the command line of this diagnosis with its files; other options are unknown."""
     inputs = tracing.inputs
     own = tracing.vehicle.own_file
     command = [
