@@ -9,8 +9,8 @@ def _():
     import marimo as mo
 
     from flightid.labs import page
+    from flightid.labs.workings import close, command
     from flightid.labs.workings import falling_body as lab
-    from flightid.labs.workings.trying import close, command
     from scenarios.plots.signals import figure_ballistic_coefficient, figure_trajectory
 
     return close, command, figure_ballistic_coefficient, figure_trajectory, lab, mo, page

@@ -10,8 +10,8 @@ def _():
 
     from flightid.labs import page
     from flightid.labs.figures import figure_structure
+    from flightid.labs.workings import close
     from flightid.labs.workings import model_structure as lab
-    from flightid.labs.workings.trying import close
 
     return close, figure_structure, lab, mo, page
 

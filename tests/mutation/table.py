@@ -763,7 +763,7 @@ RECORDS = (
 # The labs.
 FLIGHTID = (
     *changes(
-        "flightid/labs/workings/trying.py",
+        "flightid/labs/workings/__init__.py",
         ("tests/unit/flightid/labs/test_workings.py",),
         ("return row.sigmas", "return -row.sigmas"),
         ("z - estimate.fitted[0]", "estimate.fitted[0] - z"),

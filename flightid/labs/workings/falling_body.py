@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flightid.labs.workings.trying import ALONE, repeated, row_of, tried
+from flightid.labs.workings import ALONE, repeated, row_of, tried
 
 if TYPE_CHECKING:
     from ident.estimate import FilterHistory

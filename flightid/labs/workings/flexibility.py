@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from flightid.labs.workings.trying import ALONE, row_of, sigmas_off, tried
+from flightid.labs.workings import ALONE, row_of, sigmas_off, tried
 
 if TYPE_CHECKING:
     from scenarios.studies.study import StudyResult

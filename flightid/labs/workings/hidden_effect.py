@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flightid.labs.workings.trying import Scratch
+from flightid.labs.workings import Scratch
 
 if TYPE_CHECKING:
     import flightid

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flightid.labs.workings.trying import KEPT
+from flightid.labs.workings import KEPT
 
 if TYPE_CHECKING:
     from scenarios.structure import FoundStructure
@@ -324,7 +324,7 @@ def archive(studied: Studied) -> bytes:
     import tempfile
     from pathlib import Path
 
-    from flightid.labs.workings.trying import PREFIX
+    from flightid.labs.workings import PREFIX
     from scenarios.files.aircraft_files import vehicle_file_text
     from scenarios.files.writing import write_record
     from sim.aerodynamics import Term

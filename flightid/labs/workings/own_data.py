@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from flightid.labs.workings import recorder_log
-from flightid.labs.workings.trying import PREFIX, Scratch
+from flightid.labs.workings import PREFIX, Scratch, recorder_log
 
 if TYPE_CHECKING:
     import flightid

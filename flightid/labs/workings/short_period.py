@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flightid.labs.workings.trying import row_of, sigmas_off, tried
+from flightid.labs.workings import row_of, sigmas_off, tried
 
 if TYPE_CHECKING:
     from scenarios.studies.study import StudyResult
