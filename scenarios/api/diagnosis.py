@@ -87,7 +87,7 @@ class Diagnosis:
     @property
     def headline(self) -> str:
         """The finding in one sentence."""
-        from scenarios.diagnosis.report.text import headline
+        from scenarios.diagnosis.text import headline
 
         return headline(self.details)
 
@@ -149,7 +149,7 @@ class Diagnosis:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Reasons against the records or the result, one sentence each."""
-        from scenarios.diagnosis.report.evidence import warnings_of
+        from scenarios.diagnosis.evidence import warnings_of
 
         return in_python_words((*self.details.doubts, *warnings_of(self.details)))
 
@@ -163,7 +163,7 @@ class Diagnosis:
 
     def summary(self) -> str:
         """Return the text that the command prints."""
-        from scenarios.diagnosis.report.text import diagnosis_text
+        from scenarios.diagnosis.text import diagnosis_text
 
         return diagnosis_text(self.details, details=KEPT)
 
@@ -221,7 +221,7 @@ class Diagnosis:
         """Return the content of ``diagnosis.json``."""
         from datetime import UTC, datetime
 
-        from scenarios.diagnosis.report.content import diagnosis_content
+        from scenarios.diagnosis.text import diagnosis_content
 
         return diagnosis_content(self.details, datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"))
 
@@ -241,7 +241,7 @@ class Diagnosis:
         self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True
     ) -> Path:
         """Write the study with ``report.html`` as the command does; returns the folder."""
-        from scenarios.diagnosis.report.files import write_diagnosis
+        from scenarios.diagnosis.files import write_diagnosis
 
         return write_diagnosis(self.details, path_given(folder), figures=formats_wanted(figures))
 

@@ -351,8 +351,8 @@ def shown(figure: Figure) -> Figure:
 
 
 def _of_diagnosis(found: DiagnosisResult, stem: str, number: int) -> Figure:
-    from scenarios.diagnosis.report.files import figures_of as made
-    from scenarios.diagnosis.report.files import numbered, pictured
+    from scenarios.diagnosis.files import figures_of as made
+    from scenarios.diagnosis.files import numbered, pictured
 
     figures = dict(made(pictured(found.details)))
     name = numbered(stem, number)

@@ -476,11 +476,11 @@ def diagnose_records(
 
         tracing = diagnose_files(request, show_progress)
         if out is not None:
-            from scenarios.diagnosis.report.files import write_diagnosis
+            from scenarios.diagnosis.files import write_diagnosis
 
             show_progress("writing the study", WRITING_DIAGNOSIS_SHARE)
             write_diagnosis(tracing, out, figures=figures)
-    from scenarios.diagnosis.report.text import diagnosis_text
+    from scenarios.diagnosis.text import diagnosis_text
 
     print(diagnosis_text(tracing, terminal_width(), details_in(out)))
     if out is not None:

@@ -497,9 +497,8 @@ def diagnosed(flight: SurveyFlight, folder: Path, figures: Formats) -> dict[str,
     Raises FlightidError if the flight cannot be used.
     """
     from scenarios.diagnosis.diagnose import diagnose_files
-    from scenarios.diagnosis.report.content import quantities
-    from scenarios.diagnosis.report.files import write_diagnosis
-    from scenarios.diagnosis.report.text import headline
+    from scenarios.diagnosis.files import write_diagnosis
+    from scenarios.diagnosis.text import headline, quantities
 
     started = time.perf_counter()
     tracing = diagnose_files(flight.request())

@@ -667,7 +667,7 @@ SCENARIOS = (
     ),
     *changes(
         "scenarios/diagnosis/diagnose.py",
-        ("tests/unit/scenarios/diagnosis/test_deciding.py",),
+        ("tests/unit/scenarios/diagnosis/test_diagnosing.py",),
         ("record[name].values - record[name].values[0]", "record[name].values"),
     ),
     *changes(

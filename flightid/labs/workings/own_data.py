@@ -196,7 +196,7 @@ def fit_remarks(found: flightid.Identification) -> list[str]:
 
 def diagnosis_remarks(found: flightid.Diagnosis) -> list[str]:
     """Warnings and notes of a diagnosis, in the words of the command."""
-    from scenarios.diagnosis.report.evidence import warnings_of
+    from scenarios.diagnosis.evidence import warnings_of
 
     details = found.details
     return [_plain(each) for each in (*details.doubts, *warnings_of(details), *found.notes)]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.diagnosis.report.content import SCHEMA
+from scenarios.diagnosis.text import SCHEMA
 from scenarios.side_by_side import read_responses
 from tests.integration.command_line import CommandLine, contents
 

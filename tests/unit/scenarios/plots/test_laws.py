@@ -12,7 +12,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from ident.tracing.diagnosis import Verdict
-from scenarios.diagnosis.report.files import figures_of, pictured
+from scenarios.diagnosis.files import figures_of, pictured
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.plots.low_order import (
     Bar,

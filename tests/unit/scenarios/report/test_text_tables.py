@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from ident.tracing.diagnosis import Verdict
-from scenarios.diagnosis.report.text import diagnosis_text
+from scenarios.diagnosis.text import diagnosis_text
 from scenarios.report.summary import (
     WIDTH,
     TableColumn,

@@ -10,7 +10,7 @@ import pytest
 from ident.tracing.declared import fit_declared
 from ident.tracing.diagnosis import FittedRecord
 from ident.tracing.whiteness import noise_shown
-from scenarios.diagnosis.report.evidence import (
+from scenarios.diagnosis.evidence import (
     SMALLEST_CORRELATION,
     ChannelResidual,
     channel_residual,

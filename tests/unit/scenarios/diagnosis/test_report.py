@@ -10,8 +10,8 @@ from html.parser import HTMLParser
 import pytest
 
 from ident.tracing.diagnosis import Verdict
+from scenarios.diagnosis.files import captioned, diagnosis_page
 from scenarios.diagnosis.kinematics import Kinematics
-from scenarios.diagnosis.report.files import captioned, diagnosis_page
 from scenarios.report.html import page_html
 from tests.diagnoses import RIGID, spread_tracing, tracing_of
 

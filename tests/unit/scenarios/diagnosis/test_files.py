@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Verdict
-from scenarios.diagnosis.report.files import (
+from scenarios.diagnosis.files import (
     draw_diagnosis,
     pictured,
     write_diagnosis,

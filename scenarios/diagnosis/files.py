@@ -23,13 +23,13 @@ from ident.tracing.diagnosis import (
     Quantity,
     Verdict,
 )
+from scenarios.diagnosis import tables, text
 from scenarios.diagnosis.diagnose import Tracing, stored_diagnosis
+from scenarios.diagnosis.evidence import evidence_sentences
 from scenarios.diagnosis.opening import effort_sentence
-from scenarios.diagnosis.report import tables, text
-from scenarios.diagnosis.report.content import DECIDES, LARGEST, bounded, diagnosis_content
-from scenarios.diagnosis.report.evidence import evidence_sentences
-from scenarios.diagnosis.report.tables import kinematics_lines, levels_table, levels_title
-from scenarios.diagnosis.report.wording import (
+from scenarios.diagnosis.tables import kinematics_lines, levels_table, levels_title
+from scenarios.diagnosis.text import DECIDES, LARGEST, bounded, diagnosis_content
+from scenarios.diagnosis.wording import (
     DECLARED,
     as_declared,
     declared_alone,

@@ -23,7 +23,7 @@ from scenarios.diagnosis.kinematics import (
     agreements,
     unnamed,
 )
-from scenarios.diagnosis.report.wording import (
+from scenarios.diagnosis.wording import (
     Wording,
     declared_alone,
     group_sentence,

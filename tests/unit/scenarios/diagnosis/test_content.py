@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from ident.tracing.diagnosis import Quantity, Verdict
-from scenarios.diagnosis.report.content import LARGEST, diagnosis_content
+from scenarios.diagnosis.text import LARGEST, diagnosis_content
 from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import VehicleFile
 from scenarios.files.writing import json_text

@@ -6,47 +6,39 @@ All numbers in ``diagnosis.json`` are finite, and all standard deviations are ab
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
+from ident.statistics.residuals import ErrorFigures, ResidualTest
 from ident.tracing.diagnosis import (
+    Candidate,
     Claim,
     Diagnosis,
+    Quantity,
+    Requirement,
+    Step,
     Verdict,
 )
+from scenarios.diagnosis import tables
+from scenarios.diagnosis.evidence import evidence_sentences, scatter_text, warnings_of
 from scenarios.diagnosis.opening import effort_sentence
-from scenarios.diagnosis.report.evidence import evidence_sentences, scatter_text, warnings_of
-from scenarios.diagnosis.report.tables import (
-    MOVED_SIGMAS,
-    candidates_table,
-    derivatives_table,
-    derived_table,
-    errors_table,
-    few_candidates,
-    kinematics_lines,
-    level_changes,
-    levels_table,
-    levels_title,
-    member_tables,
-    moved,
-    moved_title,
-    one_step_table,
-    short,
-    sigma_note,
-    simulation_note,
-)
-from scenarios.diagnosis.report.wording import (
+from scenarios.diagnosis.wording import (
     Wording,
     group_sentence,
     is_unexplained,
     most_likely,
     parameter_text,
     probability_sentence,
+    record_labels,
+    residual_levels,
     sentence,
     separating_maneuvers,
+    shown_probability,
 )
+from scenarios.files.sources import versions
 from scenarios.files.user_models import channel_units, is_of_aircraft
-from scenarios.preparation.recording import record_lines
+from scenarios.preparation.recording import record_content, record_lines
 from scenarios.report.document import Table
 from scenarios.report.quantities import CHANNELS, listed, shown_in, value_text
 from scenarios.report.summary import BELOW, WIDTH, Summary, residual_phrase, summary_lines, wrapped
@@ -56,6 +48,7 @@ from sim.record import extent
 
 if TYPE_CHECKING:
     from scenarios.diagnosis.diagnose import Tracing
+    from scenarios.maneuver_design.design import DesignResult
 
 
 def diagnosis_text(tracing: Tracing, width: int = WIDTH, details: str = BELOW) -> str:
@@ -98,9 +91,9 @@ def details_text(tracing: Tracing, width: int = WIDTH) -> str:
     """
     d = tracing.diagnosis
     errors_title = f"simulation error (rms) on {where_predicted(tracing)}"
-    errors = errors_table(d, errors_title, channel_units(tracing.model))
-    one_step = one_step_table(d, channel_units(tracing.model))
-    candidates = candidates_table(d, CANDIDATE_TITLE, few_candidates(d))
+    errors = tables.errors_table(d, errors_title, channel_units(tracing.model))
+    one_step = tables.one_step_table(d, channel_units(tracing.model))
+    candidates = tables.candidates_table(d, CANDIDATE_TITLE, tables.few_candidates(d))
     blocks = [
         [
             *wrapped(subject(tracing), width),
@@ -111,12 +104,12 @@ def details_text(tracing: Tracing, width: int = WIDTH) -> str:
         _wrapped_all(record_lines(tracing.look), width),
         _effect_lines(tracing, width),
         _kinematic_lines(tracing, width),
-        _titled(errors, width, simulation_note(d)),
+        _titled(errors, width, tables.simulation_note(d)),
         _titled(one_step, width) if one_step is not None else [],
-        _titled(derivatives_table(d, moved_title(d)), width, sigma_note(d)),
-        *(_titled(table, width) for table in member_tables(d, MEMBER_TITLE)),
-        _titled(derived_table(d, ""), width),
-        _titled(levels_table(tracing, levels_title(tracing)), width),
+        _titled(tables.derivatives_table(d, tables.moved_title(d)), width, tables.sigma_note(d)),
+        *(_titled(table, width) for table in tables.member_tables(d, MEMBER_TITLE)),
+        _titled(tables.derived_table(d, ""), width),
+        _titled(tables.levels_table(tracing, tables.levels_title(tracing)), width),
         _titled(candidates, width, CANDIDATE_LEGEND, keys=3),
         _wrapped_all([f"warning: {warning}" for warning in warnings_of(tracing)], width),
         _wrapped_all([f"note: {note}" for note in tracing.notes], width),
@@ -182,7 +175,9 @@ def headline(tracing: Tracing) -> str:
     d, wording = tracing.diagnosis, wording_of(tracing)
     claimed = [claim for claim in d.effects if claim.claimed]
     if not claimed:
-        return _headline_without_claims(tracing)
+        standing = d.verdict is Verdict.CONSISTENT
+        outcome = "the declared model stands" if standing else "no effect is named"
+        return f"{outcome}; {_error_phrase(tracing)}"
     text = " and ".join(group_sentence(claim, wording) for claim in claimed)
     parts = [text if d.verdict is not Verdict.AMBIGUOUS else most_likely(text, claimed)]
     vuong_tested = [claim for claim in claimed if claim.spread is not None]
@@ -208,7 +203,7 @@ def headline(tracing: Tracing) -> str:
             f"{name} changes from {value_text(before.value, before.std)} to "
             f"{value_text(after.value, after.std)}{scatter_text(d, name)}"
         )
-    parts += level_changes(tracing)
+    parts += tables.level_changes(tracing)
     if d.verdict is Verdict.PARTIAL:
         parts.append("part of the misfit is not explained")
     return "; ".join(parts)
@@ -295,14 +290,8 @@ def _kinematic_lines(tracing: Tracing, width: int) -> list[str]:
     kinematics = tracing.kinematics
     if kinematics is None:
         return []
-    sentences = kinematics_lines(kinematics, tracing.diagnosis.effects, wording_of(tracing))
+    sentences = tables.kinematics_lines(kinematics, tracing.diagnosis.effects, wording_of(tracing))
     return _wrapped_all(sentences, width)
-
-
-def _headline_without_claims(tracing: Tracing) -> str:
-    if tracing.diagnosis.verdict is Verdict.CONSISTENT:
-        return f"the declared model stands; {_error_phrase(tracing)}"
-    return f"no effect is named; {_error_phrase(tracing)}"
 
 
 def one_step_phrase(claim: Claim, tracing: Tracing, count: int = 1) -> str:
@@ -327,14 +316,12 @@ def _error_phrase(tracing: Tracing) -> str:
     if not channel:
         return ""
     factor, unit = shown_in(channel_units(tracing.model).get(channel, ""), channel)
-    old, new = short(factor * before[channel]), short(factor * after[channel])
-    change = old
-    if new != old and not is_unexplained(d):
-        change = f"{old} -> {new}"
+    old, new = tables.short(factor * before[channel]), tables.short(factor * after[channel])
+    change = old if new == old or is_unexplained(d) else f"{old} -> {new}"
     word = CHANNELS.get(channel, channel) if is_of_aircraft(tracing.model) else channel
     phrase = f"{word.replace(' ', '-')} error {change} {unit} on {where_predicted(tracing)}"
     if channel in noise:
-        phrase += f", estimated sensor noise {short(factor * noise[channel])}"
+        phrase += f", estimated sensor noise {tables.short(factor * noise[channel])}"
     return phrase
 
 
@@ -348,10 +335,260 @@ def _risen_phrase(d: Diagnosis) -> str:
 def _most_changed(d: Diagnosis) -> str:
     """Return the name of the parameter that changed most, empty if none changed significantly."""
     changes = {
-        name: abs(moved(d.before[name], d.after[name])) for name in d.before if name in d.after
+        name: abs(tables.moved(d.before[name], d.after[name]))
+        for name in d.before
+        if name in d.after
     }
     name = max(changes, key=lambda name: changes[name], default="")
-    return name if name and changes[name] > MOVED_SIGMAS else ""
+    return name if name and changes[name] > tables.MOVED_SIGMAS else ""
 
 
 LEAST_RISE = 1.02  # ratio of two errors that is said to be a rise
+
+
+# ---- The content of diagnosis.json
+
+LARGEST = 1e30  # written in place of an infinite number; its square is finite
+SCHEMA = "flightid/diagnosis/2"
+DECIDES = "decides.csv"  # the designed input, in the folder of the diagnosis
+
+
+def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
+    """Return the content of ``diagnosis.json``: everything of a diagnosis but its time series.
+
+    ``created`` is the time stamp, the only entry that differs between two runs. A parameter that
+    the data do not determine has the standard deviation ``LARGEST`` and an entry in ``warnings``.
+    """
+    d, wording = tracing.diagnosis, wording_of(tracing)
+    derived_before, derived = (
+        {name: {"estimate": entry["value"], **entry} for name, entry in quantities(part).items()}
+        for part in tables.derived_of(d)
+    )
+    units = channel_units(tracing.model)
+    content: dict[str, Any] = {
+        "schema": SCHEMA,
+        "created": created,
+        "model": tracing.vehicle.model,
+        "vehicle": tracing.vehicle.name,
+        "verdict": d.verdict.value,
+        "verdict_sentence": d.verdict.sentence,
+        "headline": headline(tracing),
+        "effects": [_claim(claim, wording, record_labels(tracing)) for claim in d.effects],
+        "parameters": {"before": quantities(d.before), "after": quantities(d.after)},
+        "scatter": {name: positive(std) for name, std in d.scatter.items()},
+        "growth": {name: bounded(factor) for name, factor in d.inflation.items()},
+        "derived": derived,
+        "derived_before": derived_before,
+        **tables.levels_both(tracing),
+        "error": {
+            "held_out": d.held_out,
+            "unit": {name: units[name] for name in d.error_before.rmse if name in units},
+            "before": _errors(d.error_before),
+            "after": _errors(d.error_after),
+            "noise_floor": _finite_only(d.noise_floor),
+            "residual": _finite_only(residual_levels(d)),
+            **(
+                {
+                    "one_step": {
+                        "before": _errors(d.one_step.before),
+                        "after": _errors(d.one_step.after),
+                        "gains": [bounded(gain) for gain in d.one_step.gains],
+                    }
+                }
+                if d.one_step is not None
+                else {}
+            ),
+        },
+        "residual_tests": {
+            "before": [test_content(test) for test in d.tests_before],
+            "after": [test_content(test) for test in d.tests_after],
+        },
+        "steps": [_step(step) for step in d.steps],
+        "candidates": [_candidate(candidate) for candidate in d.candidates],
+        "sets": [asdict(each) for each in d.sets],
+        "warnings": [
+            *tracing.doubts,
+            *tracing.look.set_aside,
+            *warnings_of(tracing),
+            *_undetermined(d),
+        ],
+        **({"not_met": [_not_met(requirement) for requirement in d.not_met]} if d.not_met else {}),
+        "notes": list(tracing.notes),
+        "record": record_content(tracing.look),
+        "advice": verdict_advice(tracing),
+        "effort": {"name": tracing.effort, "stopped": d.stopped},
+        **({"overflows": tracing.overflows} if tracing.overflows else {}),
+        "inputs": _inputs(tracing),
+        "versions": versions(),
+    }
+    if tracing.decides is not None:
+        content |= {"decides": _decides(tracing.decides)}
+    if tracing.kinematics is not None:
+        compatibility = tables.kinematics_content(tracing.kinematics, d.effects, wording)
+        content |= {"compatibility": compatibility}
+    return content
+
+
+def _decides(result: DesignResult) -> dict[str, Any]:
+    """Return the deciding maneuver, as in ``design.json``, and its file."""
+    from scenarios.maneuver_design.report import maneuver_content
+
+    return {
+        "tell": [acting.effect.name for acting in result.acting],
+        "chance": result.best.chance,
+        "maneuver": maneuver_content(result, result.best),
+        "file": DECIDES,
+        "command": result.request.command(),
+    }
+
+
+def quantities(values: Mapping[str, Quantity]) -> dict[str, dict[str, Any]]:
+    """Return value, standard deviation and unit of each quantity, by name."""
+    return {
+        name: {
+            "value": bounded(quantity.value),
+            "std": positive(quantity.std),
+            "unit": quantity.unit,
+        }
+        for name, quantity in values.items()
+    }
+
+
+def bounded(value: float) -> float:
+    """Return the value limited to +-``LARGEST``; 0 for NaN."""
+    if math.isnan(value):
+        return 0.0
+    return float(min(max(value, -LARGEST), LARGEST))
+
+
+def positive(std: float) -> float:
+    """Return a standard deviation limited to positive finite numbers; ``LARGEST`` for NaN."""
+    return float(min(max(std, tables.SMALLEST_STD), LARGEST)) if not math.isnan(std) else LARGEST
+
+
+def _not_met(requirement: Requirement) -> dict[str, Any]:
+    """Return an unmet requirement on a claim: its text, the value and the required value."""
+    return {
+        "asked": requirement.asked,
+        "value": bounded(requirement.value),
+        "required": bounded(requirement.bar),
+        "at_least": requirement.at_least,
+        "unit": requirement.unit,
+        "effects": list(requirement.effects),
+        "sentence": requirement.sentence,
+    }
+
+
+def _claim(claim: Claim, wording: Wording, records: Sequence[str]) -> dict[str, Any]:
+    """Return the entry of a claim; ``records`` are the labels of the fitted records."""
+    content: dict[str, Any] = {
+        "name": claim.name,
+        "alternatives": list(claim.alternatives),
+        "parameters": quantities(claim.parameters),
+        "sentence": sentence(claim, wording),
+    }
+    if not claim.claimed:
+        content["claimed"] = False
+    if claim.reasons:
+        content["reasons"] = list(claim.reasons)
+    if claim.probability:
+        content["probability"] = shown_probability(claim)
+    if claim.one_step_gains:
+        content["one_step_gains"] = [bounded(gain) for gain in claim.one_step_gains]
+    if claim.records:
+        content["records"] = list(claim.records)
+    if claim.derivatives_under:
+        content["derivatives_under"] = {
+            member: quantities(values) for member, values in claim.derivatives_under.items()
+        }
+    if claim.spread is not None:
+        content["spread"] = bounded(claim.spread)
+    if claim.by_record:
+        content["by_record"] = {
+            label: quantities(values)
+            for label, values in zip(records, claim.by_record, strict=False)
+        }
+    if claim.explanation:
+        content["explanation"] = claim.explanation
+    return content
+
+
+def _errors(figures: ErrorFigures) -> dict[str, dict[str, float]]:
+    """Return the root mean square of every channel, and the relative figures that are finite."""
+    return {
+        "rmse": {name: bounded(value) for name, value in figures.rmse.items()},
+        "nrmse": _finite_only(figures.nrmse),
+        "r2": _finite_only(figures.r2),
+        "theil": _finite_only(figures.theil),
+    }
+
+
+def _finite_only(values: Mapping[str, float]) -> dict[str, float]:
+    return {name: float(value) for name, value in values.items() if math.isfinite(value)}
+
+
+def test_content(test: ResidualTest) -> dict[str, Any]:
+    """Return the entry of a residual test, with finite numbers."""
+    return {
+        "name": test.name,
+        "channel": test.channel,
+        "statistic": bounded(test.statistic),
+        "p_value": bounded(test.p_value),
+        "passed": test.passed,
+        "sentence": test.sentence,
+    }
+
+
+def _step(step: Step) -> dict[str, Any]:
+    return {
+        "effects": list(step.effects),
+        "log_evidence": bounded(step.log_evidence),
+        "log_likelihood": bounded(step.log_likelihood),
+        "sentence": step.sentence,
+    }
+
+
+def _candidate(c: Candidate) -> dict[str, Any]:
+    return {
+        "round": c.round,
+        "within": list(c.within),
+        "name": c.name,
+        "gain": bounded(c.gain),
+        "weight": bounded(c.weight),
+        "fitted": c.fitted,
+        "parameters": quantities(c.parameters),
+        "collinear_with": list(c.collinear_with),
+    }
+
+
+def _undetermined(d: Diagnosis) -> list[str]:
+    """Return a warning on the parameters that the data do not determine."""
+    names = [
+        name
+        for name, quantity in {**d.before, **d.after}.items()
+        if not (math.isfinite(quantity.std) and math.isfinite(quantity.value))
+    ]
+    if not names:
+        return []
+    pronoun = "it" if len(names) == 1 else "them"
+    return [f"{', '.join(names)}: these data do not determine {pronoun}"]
+
+
+def _inputs(tracing: Tracing) -> dict[str, Any]:
+    inputs = tracing.inputs
+    content: dict[str, Any] = {
+        "records": [file.name for file in inputs.records],
+        "sha256": [file.sha256 for file in inputs.records],
+        "validate": [file.name for file in inputs.validation],
+        "validate_sha256": [file.sha256 for file in inputs.validation],
+        "vehicle": inputs.vehicle.name,
+        "vehicle_sha256": inputs.vehicle.sha256,
+    }
+    if inputs.effects:
+        content |= {"effects": inputs.effects[0].name, "effects_sha256": inputs.effects[0].sha256}
+    if inputs.model is not None:
+        content |= {"model": inputs.model.name, "model_sha256": inputs.model.sha256}
+    content["held_out"] = [record.name for record in tracing.validation]
+    if tracing.held_out_from is not None:
+        content["held_out_from"] = tracing.held_out_from
+    return content

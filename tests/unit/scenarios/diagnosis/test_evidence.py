@@ -23,15 +23,14 @@ from ident.tracing.diagnosis import (
     Quantity,
     Verdict,
 )
-from scenarios.diagnosis.report.content import diagnosis_content
-from scenarios.diagnosis.report.evidence import (
+from scenarios.diagnosis.evidence import (
     by_record_text,
     disagreement_text,
     evidence_sentences,
     warnings_of,
 )
-from scenarios.diagnosis.report.files import REPLICATION_NOTE, diagnosis_page
-from scenarios.diagnosis.report.tables import (
+from scenarios.diagnosis.files import REPLICATION_NOTE, diagnosis_page
+from scenarios.diagnosis.tables import (
     SIGMA_NOTE,
     candidates_table,
     errors_table,
@@ -39,8 +38,8 @@ from scenarios.diagnosis.report.tables import (
     one_step_table,
     simulation_note,
 )
-from scenarios.diagnosis.report.text import diagnosis_text, headline
-from scenarios.diagnosis.report.wording import RESIDUAL, Wording, group_sentence
+from scenarios.diagnosis.text import diagnosis_content, diagnosis_text, headline
+from scenarios.diagnosis.wording import RESIDUAL, Wording, group_sentence
 from scenarios.files.writing import json_text
 from scenarios.report.html import page_html
 from scenarios.report.terminal import cell_text

@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Quantity, Verdict
-from scenarios.diagnosis.report.content import diagnosis_content
-from scenarios.diagnosis.report.files import diagnosis_page, figures_of, pictured
-from scenarios.diagnosis.report.tables import short
-from scenarios.diagnosis.report.text import diagnosis_text
-from scenarios.diagnosis.report.wording import as_declared
+from scenarios.diagnosis.files import diagnosis_page, figures_of, pictured
+from scenarios.diagnosis.tables import short
+from scenarios.diagnosis.text import diagnosis_content, diagnosis_text
+from scenarios.diagnosis.wording import as_declared
 from scenarios.report.document import signs
 from scenarios.report.html import page_html
 from scenarios.report.quantities import (
