@@ -103,36 +103,6 @@ def loes_filter_system(
     )
 
 
-def about_trim(record: Record, until: float) -> Record:
-    """Return the record with alpha, q and stick as perturbations: less their means up to the time
-    ``until`` (s), before the maneuver.
-
-    Raises RecordError when a channel has no sample by then.
-    """
-    quiet = record.time <= until
-
-    def moved(channel: Channel) -> Channel:
-        use = quiet & channel.valid
-        if channel.name not in ("alpha", "q", "stick"):
-            return channel
-        if not use.any():
-            raise RecordError(
-                f"no sample up to {until:g} s",
-                where=f"{record.name}, channel {channel.name}",
-                remedy="give a later time",
-            )
-        return replace(
-            channel,
-            values=np.where(channel.valid, channel.values - channel.values[use].mean(), 0.0),
-        )
-
-    return replace(
-        record,
-        inputs=tuple(moved(c) for c in record.inputs),
-        outputs=tuple(moved(c) for c in record.outputs),
-    )
-
-
 # ---- Identification of a measured record's low-order equivalent system by the paper's filter
 # and its bank of delays
 
