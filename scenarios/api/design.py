@@ -31,9 +31,8 @@ from scenarios.api.shown import path_given, write_report
 from scenarios.api.tables import band_of, names_of, refuse_wrong_type, with_python_errors
 from scenarios.api.vehicle import Vehicle, source_of
 from scenarios.maneuver_design import design as designing
-from scenarios.maneuver_design.report import design_text, verdict_of
+from scenarios.maneuver_design.report import design_text, maneuvers_table, peaks_of, verdict_of
 from scenarios.maneuver_design.setting import TYPICAL, DesignRequest
-from scenarios.maneuver_design.tables import maneuvers_table, peaks_of
 from scenarios.report.figure_formats import formats_wanted
 from sim.errors import DeclarationError
 

@@ -49,13 +49,14 @@ class Flyer:
 
     @property
     def text(self) -> str:
-        """The limits in one line; empty without limits."""
+        """Who flies, and the limits, in one line."""
         if not self.shortest_step:
-            return ""
+            return f"flown by {self.name}"
         return (
-            f"steps of {self.shortest_step:g} s or more, {self.rise:g} s to the full deflection, "
-            f"sweeps up to {self.fastest:g} Hz and {self.longest_sweep:g} s, {self.rest:g} s of "
-            "rest between maneuvers"
+            f"flown by {self.name} (--computer for a flight computer): steps of "
+            f"{self.shortest_step:g} s or more, {self.rise:g} s to the full deflection, sweeps up "
+            f"to {self.fastest:g} Hz and {self.longest_sweep:g} s, {self.rest:g} s of rest between "
+            "maneuvers"
         )
 
 
