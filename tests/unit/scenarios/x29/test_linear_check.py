@@ -10,7 +10,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from scenarios.x29.loop import LinearCheck, linear_check, linear_content, linear_sentence
+from scenarios.x29.content import linear_content
+from scenarios.x29.declaration import LinearCheck, linear_check, linear_sentence
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.nonlinear import fly_closed_loop, three_two_one_one
 from tests.oracles.x29_march import march
