@@ -102,11 +102,7 @@ def print_check(
     result = check.result
     print_summary(out, check_summary(check, details))
     for record in check.records:
-        print_paragraph(
-            out,
-            f"{record.name}: {extent(record)}",
-            indent=0,
-        )
+        print_paragraph(out, f"{record.name}: {extent(record)}", indent=0)
     for line in (*(f"warning: {doubt}" for doubt in check.look.doubts), *record_lines(check.look)):
         print_paragraph(out, line, indent=0)
     for output, joined in result.relations.items():

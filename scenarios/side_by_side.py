@@ -17,6 +17,7 @@ from scenarios.files.declarations import CHANNEL_UNITS, TIME
 from scenarios.files.measured.columns import SIMULATED as SIMULATED_ORIGIN
 from scenarios.files.sources import json_or_none, read_json, resolved
 from scenarios.files.writing import PREDICTED, RESPONSE, TRUE
+from scenarios.plots.display import StudyResponses, StudyValue
 from sim.errors import DeclarationError
 from sim.vehicles.factory import (
     BALLISTIC_DERIVATIVES,
@@ -31,29 +32,6 @@ from sim.vehicles.factory import (
 
 SIMULATION = "simulation"  # file of a closed-loop scenario's outputs
 SIMULATED = "simulated_"  # prefix of simulated outputs
-
-
-@dataclass(frozen=True, eq=False)
-class StudyResponses:
-    """Signals of one study by name, ``(N,)`` each, SI; NaN if missing.
-
-    Attributes
-    ----------
-    time : shape ``(N,)``, s.
-    inputs, measured : inputs and measured outputs.
-    predicted : outputs predicted by the estimate.
-    true : outputs without noise; empty if unknown.
-    units : unit of each channel.
-    simulated : whether the record is simulated.
-    """
-
-    time: np.ndarray
-    inputs: Mapping[str, np.ndarray]
-    measured: Mapping[str, np.ndarray]
-    predicted: Mapping[str, np.ndarray]
-    true: Mapping[str, np.ndarray]
-    units: Mapping[str, str]
-    simulated: bool = False
 
 
 def read_responses(folder: Path, method: str = "") -> StudyResponses | None:
@@ -123,72 +101,7 @@ def _columns(path: Path) -> dict[str, np.ndarray]:
     )
 
 
-# ---- One parameter of one study, and a study as a column of a comparison
-
-
-@dataclass(frozen=True)
-class Value:
-    """Estimate of one parameter in one study, all numbers in ``unit``.
-
-    Attributes
-    ----------
-    estimate, std : estimate and its standard deviation; 0 if unknown.
-    true : true value, or None.
-    condensed : value with the elastic modes statically condensed, which a model without these modes
-        should find, or None.
-    published : published value and its standard deviation, 0 if unknown; or None.
-    """
-
-    estimate: float
-    std: float
-    unit: str
-    true: float | None = None
-    condensed: float | None = None
-    published: tuple[float, float] | None = None
-
-    @property
-    def reference(self) -> float | None:
-        """Reference value of the error: the condensed value if there is one, else the true one."""
-        return self.true if self.condensed is None else self.condensed
-
-    @property
-    def percent(self) -> float | None:
-        """Error in per cent of the reference; None without a reference or if it is zero."""
-        return (
-            None
-            if not self.reference
-            else 100.0 * (self.estimate - self.reference) / abs(self.reference)
-        )
-
-    @property
-    def sigmas(self) -> float | None:
-        """Error in standard deviations of the estimate; None without reference or deviation."""
-        return (
-            None
-            if self.reference is None or not self.std > 0.0
-            else (self.estimate - self.reference) / self.std
-        )
-
-    def in_unit(self, factor: float, unit: str) -> Value:
-        """Return all numbers times ``factor``, in another ``unit``."""
-        true, condensed = (
-            None if value is None else factor * value for value in (self.true, self.condensed)
-        )
-        published = (
-            (factor * self.published[0], factor * self.published[1])
-            if self.published is not None
-            else None
-        )
-        return Value(factor * self.estimate, factor * self.std, unit, true, condensed, published)
-
-    @property
-    def published_value(self) -> Value | None:
-        """Published value and its standard deviation in place of the estimate, or None."""
-        return (
-            None
-            if self.published is None
-            else replace(self, estimate=self.published[0], std=self.published[1], published=None)
-        )
+# ---- A study as a column of a comparison
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,8 +129,8 @@ class StudyColumn:
     estimator: str
     outcome: str
     seed: int | None
-    values: Mapping[str, Value]
-    derived: Mapping[str, Value]
+    values: Mapping[str, StudyValue]
+    derived: Mapping[str, StudyValue]
     responses: StudyResponses | None = None
     vehicle: str = ""
     model: str = ""
@@ -248,7 +161,7 @@ class SideBySide:
     single: dict[str, tuple[str, ...]]
     apart: tuple[str, ...]
 
-    def value(self, name: str, column: StudyColumn) -> Value | None:
+    def value(self, name: str, column: StudyColumn) -> StudyValue | None:
         """Return the value of a parameter or derived quantity in a column; None if missing."""
         return column.values.get(name) if name in self.names else column.derived.get(name)
 
@@ -325,7 +238,7 @@ def compare_columns(columns: Sequence[StudyColumn]) -> SideBySide:
     return SideBySide(tuple(columns), names, derived, single, separate)
 
 
-def _units(name: str, values_by_column: Sequence[Mapping[str, Value]]) -> set[str]:
+def _units(name: str, values_by_column: Sequence[Mapping[str, StudyValue]]) -> set[str]:
     return {values[name].unit for values in values_by_column if name in values}
 
 
@@ -494,7 +407,7 @@ def _column(
     )
 
 
-def _values(table: Any, where: str) -> dict[str, Value]:
+def _values(table: Any, where: str) -> dict[str, StudyValue]:
     """Return the values by name of a table of a study; entries without an estimate are left out."""
     if table is None:
         return {}
@@ -507,7 +420,7 @@ def _values(table: Any, where: str) -> dict[str, Value]:
     }
 
 
-def _value(entry: Mapping[str, Any]) -> Value | None:
+def _value(entry: Mapping[str, Any]) -> StudyValue | None:
     """Return the value that an entry of a study describes; None without an estimate."""
     estimate = _number(entry.get("estimate", entry.get("value")))
     if estimate is None:
@@ -515,7 +428,7 @@ def _value(entry: Mapping[str, Any]) -> Value | None:
     printed = entry.get("published")
     printed = printed if isinstance(printed, dict) else {}
     published = _number(printed.get("value"))
-    return Value(
+    return StudyValue(
         estimate,
         _number(entry.get("std")) or 0.0,
         str(entry.get("unit", "")),

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
 from scenarios.plots import draw_into
+from scenarios.plots.display import StudyValue
 from scenarios.report.document import (
     BY_ROW,
     MISSING,
@@ -40,7 +41,7 @@ from scenarios.report.folder import figures, write_page
 from scenarios.report.quantities import console, shown_in
 from scenarios.report.summary import GAP, print_paragraph
 from scenarios.report.terminal import show_blocks
-from scenarios.side_by_side import SideBySide, StudyColumn, Value
+from scenarios.side_by_side import SideBySide, StudyColumn
 
 if TYPE_CHECKING:
     from scenarios.plots.drawing import Named
@@ -124,7 +125,7 @@ def _table(compared: SideBySide, names: tuple[str, ...]) -> dict[str, Any]:
     }
 
 
-def _row(value: Value) -> dict[str, Any]:
+def _row(value: StudyValue) -> dict[str, Any]:
     errors = {"error_percent": value.percent, "error_sigmas": value.sigmas}
     row: dict[str, Any] = {"estimate": value.estimate} | _known(
         {"std": value.std or None, "true": value.true, "condensed": value.condensed, **errors}
@@ -149,7 +150,7 @@ TITLE = "studies side by side"
 
 def compared_figures(compared: SideBySide) -> Iterator[Named]:
     """Return the figures of a comparison: stem of each file and function that draws it."""
-    from scenarios.plots.side_by_side import (
+    from scenarios.plots.comparisons import (
         figure_studies_errors,
         figure_studies_estimates,
         figure_studies_responses,
@@ -276,7 +277,7 @@ def compared_tables(compared: SideBySide) -> list[Table]:
 def _table_of(
     compared: SideBySide,
     caption: str,
-    cell: Callable[[Value], Cell],
+    cell: Callable[[StudyValue], Cell],
     unit: str = BY_ROW,
     *,
     true: bool = False,
@@ -313,7 +314,7 @@ def _table_of(
     )
 
 
-def _shown(compared: SideBySide, name: str, study: StudyColumn) -> Value | None:
+def _shown(compared: SideBySide, name: str, study: StudyColumn) -> StudyValue | None:
     value = compared.value(name, study)
     return value.in_unit(*shown_in(value.unit, name)) if value is not None else None
 
@@ -341,7 +342,7 @@ def _differs(compared: SideBySide, name: str) -> bool:
     )
 
 
-def _error(value: Value) -> Cell:
+def _error(value: StudyValue) -> Cell:
     percent, sigmas = value.percent, value.sigmas
     parts = [f"{percent:+.2f} %"] if percent is not None else []
     parts += [f"({sigmas:+.1f})"] if sigmas is not None else []
@@ -349,14 +350,14 @@ def _error(value: Value) -> Cell:
     return MISSING if number is None else Number(number, shown=" ".join(parts))
 
 
-def _published(value: Value) -> Cell:
+def _published(value: StudyValue) -> Cell:
     if value.published is None:
         return MISSING
     printed, std = value.published
     return Number(printed, std or None, shown=f"{printed:.5g}", shown_sigma=f"{std:.4g}")
 
 
-def _published_error(value: Value) -> Cell:
+def _published_error(value: StudyValue) -> Cell:
     published = value.published_value
     return MISSING if published is None else _error(published)
 

@@ -24,11 +24,7 @@ from ident.structure.products import TermColumns, columns_of, noise_columns
 from ident.structure.selection import ORTHOGONAL, STEPWISE, Selection, select
 from scenarios.files.aircraft_files import AXES, read_aircraft
 from scenarios.files.declarations import closest, read_toml_source, toml_of
-from scenarios.files.measured.columns import (
-    RecordFile,
-    read_record_files,
-    refuse_twice,
-)
+from scenarios.files.measured.columns import RecordFile, read_record_files, refuse_twice
 from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import VEHICLE_FILE_NAME, with_plain_terms
 from scenarios.preparation.declared_model import (

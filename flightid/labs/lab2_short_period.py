@@ -103,12 +103,7 @@ def _(controls, figure_input_spectrum, mo, page, seed, study):
         ),
         "the elevator over time, and its spectrum with the frequency of the short period marked",
     )
-    mo.vstack(
-        [
-            mo.md("## Try it"),
-            page.beside([page.sliders(controls), seed], _figure),
-        ]
-    )
+    mo.vstack([mo.md("## Try it"), page.beside([page.sliders(controls), seed], _figure)])
     return
 
 

@@ -12,7 +12,7 @@ def _():
     from flightid.labs.figures import figure_residual
     from flightid.labs.workings import close, command, residuals, sigmas_off
     from flightid.labs.workings import flexibility as lab
-    from scenarios.plots.residuals import EquivalentRow, figure_equivalents
+    from scenarios.plots.comparisons import EquivalentRow, figure_equivalents
 
     return (
         EquivalentRow,

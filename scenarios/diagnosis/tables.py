@@ -16,13 +16,7 @@ from ident.compatibility.six_degrees.signals import WINGS_LEVEL_NOTE
 from ident.compatibility.trials import SensorFinding
 from ident.flying_qualities.mode_levels import ModeLevel, mode_levels
 from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, Quantity
-from scenarios.diagnosis.kinematics import (
-    BIAS,
-    PARAMETERS,
-    Kinematics,
-    agreements,
-    unnamed,
-)
+from scenarios.diagnosis.kinematics import BIAS, PARAMETERS, Kinematics, agreements, unnamed
 from scenarios.diagnosis.wording import (
     Wording,
     declared_alone,

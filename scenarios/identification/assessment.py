@@ -27,11 +27,7 @@ from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.model_checks import Considered
 from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO
 from scenarios.preparation.filtering import PartedRecord, parts_of, put_together
-from scenarios.preparation.recording import (
-    NOTHING_SEEN,
-    RecordCheck,
-    repeated_without_outliers,
-)
+from scenarios.preparation.recording import NOTHING_SEEN, RecordCheck, repeated_without_outliers
 from scenarios.report.document import BY_ROW, SIGMAS, Column, Table, estimate, formatted, table
 from scenarios.studies.published import Row
 from sim.declaration.model import Model, System
@@ -294,9 +290,7 @@ def record_fits(
 
     fitted_rows = [*known, *run(fitted[len(known) :])]
 
-    def finite(
-        predicted: Sequence[np.ndarray | None],
-    ) -> tuple[tuple[str, ...], list[np.ndarray]]:
+    def finite(predicted: Sequence[np.ndarray | None]) -> tuple[tuple[str, ...], list[np.ndarray]]:
         return system.output_names, [
             np.full((len(system.outputs), len(record)), np.nan) if rows is None else rows
             for record, rows in zip(held_out, predicted, strict=True)

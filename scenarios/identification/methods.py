@@ -71,9 +71,7 @@ def refuse_method(
     """
     if method not in METHODS:
         raise DeclarationError(
-            f"there is no method {method!r}",
-            where="--method",
-            remedy=closest(method, METHODS),
+            f"there is no method {method!r}", where="--method", remedy=closest(method, METHODS)
         )
     if fitted > 1 and method in FILTERS:
         what = f"a filter runs along one segment, and there are {fitted}"

@@ -178,14 +178,8 @@ def contest_table(design: DesignResult, caption: str) -> Table:
         caption,
         (Column("true effect"), [acting_text(contest.true) for contest in contests]),
         (Column("rival"), [contest.rival.effect.name for contest in contests]),
-        (
-            Column("gain over none", PURE),
-            [formatted(contest.gain, ".1f") for contest in contests],
-        ),
-        (
-            Column("log likelihood", PURE),
-            [formatted(d.log_likelihood, ".1f") for d in decisions],
-        ),
+        (Column("gain over none", PURE), [formatted(contest.gain, ".1f") for contest in contests]),
+        (Column("log likelihood", PURE), [formatted(d.log_likelihood, ".1f") for d in decisions]),
         # std is that of twice the log likelihood
         (
             Column("sigma of log likelihood", PURE),
@@ -195,10 +189,7 @@ def contest_table(design: DesignResult, caption: str) -> Table:
             percent_column("decided rightly"),
             [formatted(100.0 * contest.chance, ".1f") for contest in contests],
         ),
-        (
-            percent_column("decided wrongly"),
-            [formatted(100.0 * d.wrong, ".2g") for d in decisions],
-        ),
+        (percent_column("decided wrongly"), [formatted(100.0 * d.wrong, ".2g") for d in decisions]),
     )
 
 
@@ -536,8 +527,7 @@ def design_page(design: DesignResult, figure_files: Sequence[Drawn] = ()) -> Pag
             ),
             *section("Expected standard deviations", sigmas_table(design, "Cramer-Rao bounds")),
             *section(
-                "Assumptions",
-                Bullets(tuple(map(as_sentence, map(capital, notes_of(design))))),
+                "Assumptions", Bullets(tuple(map(as_sentence, map(capital, notes_of(design)))))
             ),
         ),
         reproduction=reproduction(shlex.split(design.request.command()), "", inputs),

@@ -38,14 +38,7 @@ from scenarios.preparation.declared_model import (
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.errors import DeclarationError
-from sim.maneuvers import (
-    Maneuver,
-    Spacing,
-    Sweep,
-    doublet,
-    least_peak_multisine,
-    three_two_one_one,
-)
+from sim.maneuvers import Maneuver, Spacing, Sweep, doublet, least_peak_multisine, three_two_one_one
 from sim.maths import complex_step_jacobian
 from sim.record import Channel, Hold, Record
 

@@ -1,11 +1,13 @@
-"""Data of figures: axis labels and units, histories of filters, candidates of a diagnosis."""
+"""Data of figures: axis labels and units, histories of filters, candidates of a diagnosis, values
+and signals of studies.
+"""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -339,3 +341,96 @@ class Pictured:
     kind: str
     replicated: tuple[Replicated, ...] = ()
     data: str = MEASURED_DATA
+
+
+# ---- Data of the figures that compare studies
+
+
+@dataclass(frozen=True)
+class StudyValue:
+    """Estimate of one parameter in one study, all numbers in ``unit``.
+
+    Attributes
+    ----------
+    estimate, std : estimate and its standard deviation; 0 if unknown.
+    true : true value, or None.
+    condensed : value with the elastic modes statically condensed, which a model without these modes
+        should find, or None.
+    published : published value and its standard deviation, 0 if unknown; or None.
+    """
+
+    estimate: float
+    std: float
+    unit: str
+    true: float | None = None
+    condensed: float | None = None
+    published: tuple[float, float] | None = None
+
+    @property
+    def reference(self) -> float | None:
+        """Reference value of the error: the condensed value if there is one, else the true one."""
+        return self.true if self.condensed is None else self.condensed
+
+    @property
+    def percent(self) -> float | None:
+        """Error in per cent of the reference; None without a reference or if it is zero."""
+        return (
+            None
+            if not self.reference
+            else 100.0 * (self.estimate - self.reference) / abs(self.reference)
+        )
+
+    @property
+    def sigmas(self) -> float | None:
+        """Error in standard deviations of the estimate; None without reference or deviation."""
+        return (
+            None
+            if self.reference is None or not self.std > 0.0
+            else (self.estimate - self.reference) / self.std
+        )
+
+    def in_unit(self, factor: float, unit: str) -> StudyValue:
+        """Return all numbers times ``factor``, in another ``unit``."""
+        true, condensed = (
+            None if value is None else factor * value for value in (self.true, self.condensed)
+        )
+        published = (
+            (factor * self.published[0], factor * self.published[1])
+            if self.published is not None
+            else None
+        )
+        return StudyValue(
+            factor * self.estimate, factor * self.std, unit, true, condensed, published
+        )
+
+    @property
+    def published_value(self) -> StudyValue | None:
+        """Published value and its standard deviation in place of the estimate, or None."""
+        return (
+            None
+            if self.published is None
+            else replace(self, estimate=self.published[0], std=self.published[1], published=None)
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class StudyResponses:
+    """Signals of one study by name, ``(N,)`` each, SI; NaN if missing.
+
+    Attributes
+    ----------
+    time : shape ``(N,)``, s.
+    inputs, measured : inputs and measured outputs.
+    predicted : outputs predicted by the estimate.
+    true : outputs without noise; empty if unknown.
+    units : unit of each channel.
+    simulated : whether the record is simulated.
+    """
+
+    time: np.ndarray
+    inputs: Mapping[str, np.ndarray]
+    measured: Mapping[str, np.ndarray]
+    predicted: Mapping[str, np.ndarray]
+    true: Mapping[str, np.ndarray]
+    units: Mapping[str, str]
+    simulated: bool = False

@@ -263,14 +263,7 @@ def _mark(
     bottom, top = panel.get_ylim()
     inside = bottom <= value <= top
     panel.errorbar(
-        [x],
-        [value],
-        yerr=bar,
-        fmt=marker,
-        color=colour,
-        markersize=4.0,
-        linewidth=1.2,
-        label=label,
+        [x], [value], yerr=bar, fmt=marker, color=colour, markersize=4.0, linewidth=1.2, label=label
     )
     if not inside:
         edge, arrow = (top, "^") if value > top else (bottom, "v")

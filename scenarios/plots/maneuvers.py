@@ -189,11 +189,7 @@ def envelope(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
     first = edges[:-1]
     low, high = np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)
     before = values[np.maximum(first - 1, 0)]
-    return (
-        time[(first + edges[1:] - 1) // 2],
-        np.minimum(low, before),
-        np.maximum(high, before),
-    )
+    return (time[(first + edges[1:] - 1) // 2], np.minimum(low, before), np.maximum(high, before))
 
 
 # ---- Designed maneuvers in comparison: inputs and responses over time, with limits

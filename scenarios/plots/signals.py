@@ -30,6 +30,7 @@ from scenarios.plots.display import (
 )
 from scenarios.plots.style import (
     BLUE,
+    DOTS,
     GREEN,
     MEASURED,
     SKY,
@@ -181,15 +182,7 @@ def figure_fit(
             values = unit.factor * response.outputs[channel.name]
             upper.plot(record.time, values, label=escaped_dollars(response.label), **line_style)
             residual = np.where(channel.valid, unit.factor * channel.values - values, np.nan)
-            lower.plot(
-                record.time,
-                residual,
-                linestyle="none",
-                marker=".",
-                markersize=2.5,
-                markeredgewidth=0.0,
-                color=line_style["color"],
-            )
+            lower.plot(record.time, residual, color=line_style["color"], **DOTS)
         _limit_to_measured(upper, lower, unit.factor * channel.values[channel.valid])
         y_label(upper, axis_label(channel.name, unit))
         y_label(lower, f"residual ({unit.text})", TICK_SIZE)
@@ -199,10 +192,7 @@ def figure_fit(
 
 def context(record: Record, shown: Sequence[str]) -> list[Channel]:
     """Return the channels to draw above the outputs ``shown``: inputs and all other outputs."""
-    return [
-        *record.inputs,
-        *(channel for channel in record.outputs if channel.name not in shown),
-    ]
+    return [*record.inputs, *(channel for channel in record.outputs if channel.name not in shown)]
 
 
 def _draw_channels(panels: Sequence[Axes], record: Record, channels: Sequence[Channel]) -> None:
@@ -281,9 +271,7 @@ def figure_trajectory(
 
 
 def figure_ballistic_coefficient(
-    histories: Mapping[str, FilterHistory],
-    true: float | np.ndarray | None = None,
-    title: str = "",
+    histories: Mapping[str, FilterHistory], true: float | np.ndarray | None = None, title: str = ""
 ) -> Figure:
     """Plot the ballistic coefficient over time by each method, and its error if the truth is known.
 
@@ -457,15 +445,7 @@ def figure_reconstruction(
             line_style = method_style(order)
             upper.plot(reconstruction.time, unit.factor * values, label=label, **line_style)
             residual = np.where(used, measured - unit.factor * values, np.nan)
-            lower.plot(
-                reconstruction.time,
-                residual,
-                linestyle="none",
-                marker=".",
-                markersize=2.5,
-                color=line_style["color"],
-                markeredgewidth=0.0,
-            )
+            lower.plot(reconstruction.time, residual, color=line_style["color"], **DOTS)
         y_label(upper, axis_label(name, unit))
         y_label(lower, f"residual ({unit.text})", TICK_SIZE)
     time_axis(sheet.panels[-1])

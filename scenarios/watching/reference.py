@@ -415,10 +415,7 @@ def differences_table(reference: Mapping[str, Any]) -> Block:
             Column("reference ± σ", BY_ROW),
             [estimate(row["reference"], row["reference_std"]) for row in rows],
         ),
-        (
-            Column("difference", "σ"),
-            [Number(row["sigmas"], digits=1, signed=True) for row in rows],
-        ),
+        (Column("difference", "σ"), [Number(row["sigmas"], digits=1, signed=True) for row in rows]),
         (Column("remark"), ["outside" if row["outside"] else "" for row in rows]),
         units=[row["unit"] for row in rows],
     )

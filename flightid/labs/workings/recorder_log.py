@@ -24,14 +24,7 @@ CONSTANTS = {
     "airspeed": 18.0,
     "air_density": 1.2,
 }
-TRUE = {
-    "CL_alpha": 4.8,
-    "CL_q": 7.0,
-    "CL_de": 0.3,
-    "Cm_alpha": -0.9,
-    "Cm_q": -14.0,
-    "Cm_de": -1.1,
-}
+TRUE = {"CL_alpha": 4.8, "CL_q": 7.0, "CL_de": 0.3, "Cm_alpha": -0.9, "Cm_q": -14.0, "Cm_de": -1.1}
 STARTS = {
     "CL_alpha": 4.0,
     "CL_q": 5.0,
