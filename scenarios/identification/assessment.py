@@ -558,6 +558,12 @@ class IdentificationResult:
     engine: Mapping[str, Any] = field(default_factory=dict)
     considered: Considered | None = None
 
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each output that a fitted record has."""
+        records = (self.record, *self.others)
+        return {channel.name: channel.unit for record in records for channel in record.outputs}
+
     def __repr__(self) -> str:
         return (
             f"<Identification: {self.vehicle.model} model of {self.vehicle.name} from "

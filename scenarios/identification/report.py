@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from ident.estimate import Outcome
 from ident.flying_qualities.mode_levels import FlightPhase, mode_levels
 from ident.recording.series import measurable_noise
 from ident.statistics.noise_levels import sensor_noise, used_runs
@@ -18,6 +17,7 @@ from ident.tracing.diagnosis import Quantity
 from scenarios.files.sources import InputFile
 from scenarios.files.user_models import Constraints
 from scenarios.identification.assessment import (
+    SETTLED,
     AtBound,
     IdentificationResult,
     RecordFit,
@@ -307,12 +307,7 @@ def noise_phrase(found: IdentificationResult) -> str:
         if level is None:
             levels.append(f"{name} {UNMEASURABLE}")
             continue
-        unit = next(
-            record[name].unit
-            for record in (found.record, *found.others)
-            if name in record.output_names
-        )
-        factor, shown = shown_in(unit, name)
+        factor, shown = shown_in(found.units[name], name)
         levels.append(f"{name} {factor * level:.3g}{spaced(shown)}")
     return (
         f"sensor noise (estimated from high frequencies, 1 sigma): {', '.join(levels)}"
@@ -398,14 +393,9 @@ def print_identification(
         show_table(out, reading_table("", found.reading))
     print_paragraph(out, f"residual (1 sigma): {_residual(found)}", 0)
     show_table(out, fits_table(found.fits))
-    reached = (
-        levels_line(mode_levels(found.modes, flown), flown, found.tests)
-        if found.modes is not None
-        else ""
-    )
     for line in (
         derived_line(found.derived),
-        reached,
+        _levels_reached(found, flown),
         test_line(found.tests),
         noise_phrase(found),
         *(f"note: {note}" for note in found.notes),
@@ -445,6 +435,12 @@ def _estimates(caption: str, found: IdentificationResult, rows: Sequence[Row]) -
     return estimates_table(caption, rows, starts)
 
 
+def _levels_reached(found: IdentificationResult, flown: FlightPhase) -> str:
+    if found.modes is None:
+        return ""
+    return levels_line(mode_levels(found.modes, flown), flown, found.tests)
+
+
 def _considered(found: IdentificationResult) -> list[Block]:
     """Return the contribution of uncertain constants to the sigmas; empty if there is none."""
     if found.considered is None or not found.considered.constants:
@@ -461,21 +457,15 @@ def _intervals(found: IdentificationResult) -> list[Block]:
 
 
 def _residual(found: IdentificationResult) -> str:
-    units = {
-        channel.name: channel.unit
-        for record in (found.record, *found.others)
-        for channel in record.outputs
-    }
     levels = zip(found.estimate.output_names, found.estimate.noise_std, strict=True)
     shown = [
-        (name, displayed(Quantity(float(std), 0.0, units.get(name, "")))) for name, std in levels
+        (name, displayed(Quantity(float(std), 0.0, found.units.get(name, ""))))
+        for name, std in levels
     ]
     return ", ".join(f"{name} {value:.3g}{spaced(unit)}" for name, (value, _, unit) in shown)
 
 
 # ---- The page of an identification from measured records
-
-SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
 
 
 def identification_page(
@@ -532,16 +522,8 @@ def _found(found: IdentificationResult, flown: FlightPhase) -> list[Block]:
     blocks: list[Block] = [_estimates("Parameters", found, found.rows)]
     blocks += [estimates_table("Biases of the sensors", found.biases)] if found.biases else []
     blocks += [derived_table("Derived quantities", found.derived)] if found.derived else []
-    levels = (
-        levels_line(mode_levels(found.modes, flown), flown, found.tests)
-        if found.modes is not None
-        else ""
-    )
-    blocks += [
-        Prose(as_sentence(line))
-        for line in (*bound_lines(found.at_bounds, found.tied), levels)
-        if line
-    ]
+    lines = (*bound_lines(found.at_bounds, found.tied), _levels_reached(found, flown))
+    blocks += [Prose(as_sentence(line)) for line in lines if line]
     blocks += [*_considered(found), *_intervals(found)]
     if found.reading:
         caption = "If the inputs were read otherwise between samples"
@@ -551,13 +533,8 @@ def _found(found: IdentificationResult, flown: FlightPhase) -> list[Block]:
 
 def _evidence(found: IdentificationResult) -> list[Block]:
     estimate = found.estimate
-    units = {
-        channel.name: channel.unit
-        for record in (found.record, *found.others)
-        for channel in record.outputs
-    }
     noise = {
-        name: (float(std), units.get(name, "1"))
+        name: (float(std), found.units.get(name, "1"))
         for name, std in zip(estimate.output_names, estimate.noise_std, strict=True)
     }
     blocks: list[Block] = [tests_table("Residual tests", found.tests)] if found.tests else []
