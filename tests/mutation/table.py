@@ -619,7 +619,7 @@ SCENARIOS = (
     ),
     *changes(
         "scenarios/watching/study.py",
-        ("tests/unit/scenarios/watching/test_estimates.py",),
+        ("tests/unit/scenarios/watching/test_history.py",),
         ("ndtr((between - value) /", "ndtr((value - between) /"),
     ),
     *changes(
@@ -648,7 +648,7 @@ SCENARIOS = (
     ),
     *changes(
         "scenarios/x29/estimating.py",
-        ("tests/unit/scenarios/x29/test_measures.py",),
+        ("tests/unit/scenarios/x29/test_linear_check.py",),
         ("len(power) // 5", "len(power) // 2"),
         (
             "(abs(self.peak_simulated) / abs(self.peak_measured) - 1.0)",
