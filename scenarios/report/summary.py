@@ -146,14 +146,11 @@ class TableColumn:
 
 
 def columns_of(
-    headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, words: Sequence[str] = ()
+    headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1
 ) -> list[TableColumn]:
-    """Return the columns of a table given by rows.
-
-    The first ``left`` columns and those with a heading in ``words`` are left-aligned.
-    """
+    """Return the columns of a table given by rows; the first ``left`` are left-aligned."""
     return [
-        TableColumn(heading, [row[i] for row in rows], left=i < left or heading in words)
+        TableColumn(heading, [row[i] for row in rows], left=i < left)
         for i, heading in enumerate(headings)
     ]
 
