@@ -76,11 +76,11 @@ class CompatibilityCheck:
 
 
 def equivalent_constant(check: CompatibilityCheck, finding: SensorFinding) -> str:
-    """Return the number of the vehicle file that, were it wrong, would look like the scale of an
+    """Return the constant of the vehicle file whose error has the effect of a scale error of an
     accelerometer; empty if there is none.
 
-    In alpha_dot = q - g nz/V a factor on the load factor is one on the airspeed; an airspeed V =
-    sqrt(2 q/rho) of a dynamic pressure goes with the air's density.
+    In alpha_dot = q - g nz/V a factor on the load factor acts like one on 1/V. An airspeed
+    V = sqrt(2 q/rho) from a dynamic pressure q depends on the air density rho.
     """
     names = {finding.name, *finding.group}
     if check.vehicle is None or not names & {
@@ -105,8 +105,9 @@ def equivalent_constant(check: CompatibilityCheck, finding: SensorFinding) -> st
 def noise_levels(
     check: CompatibilityCheck, result: CheckResult | None = None
 ) -> dict[str, float | None]:
-    """Noise by channel (SI) of all records together or of one ``result``, None if the records do
-    not show it; nz may come from az.
+    """Return the noise of each channel (SI) from all records together or from one ``result``.
+
+    It is None if the records do not determine it. That of a missing nz is computed from az.
     """
     out: dict[str, float | None] = {}
     for name, level in (result or check.result.joint).noise_std.items():
@@ -272,9 +273,7 @@ def record_to_check(
 
 
 def _unwrapped(record: Record) -> Record:
-    """Return the record with bank and heading that do not jump by a turn where they are shown
-    within one.
-    """
+    """Return the record with bank angle and heading without jumps by a full turn."""
     outputs = []
     for channel in record.outputs:
         values = channel.values

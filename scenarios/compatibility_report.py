@@ -203,8 +203,8 @@ def finding_lines(check: CompatibilityCheck) -> list[str]:
 
 
 def odds(finding: SensorFinding, findings: Sequence[SensorFinding]) -> str:
-    """Probabilities and sizes of a finding and of the faults that fit as well, where one is an arm:
-    where sensors usually sit then counts.
+    """Return the probabilities and sizes of a finding and of the faults that fit equally well;
+    empty unless one of them is the position of a sensor, for which the usual positions count.
     """
     shown = [f"{share} that {fault_text(item)}" for item, share in shares(finding, findings)]
     if not shown:
@@ -216,8 +216,8 @@ def odds(finding: SensorFinding, findings: Sequence[SensorFinding]) -> str:
 def shares(
     finding: SensorFinding, findings: Sequence[SensorFinding]
 ) -> list[tuple[SensorFinding, str]]:
-    """Return a finding and the faults that fit as well, each with its probability, the likeliest
-    first; empty where none of them is an arm.
+    """Return a finding and the faults that fit equally well with their probabilities, the likeliest
+    first; empty unless one of them is the position of a sensor.
     """
     by_name = {item.name: item for item in findings} | {finding.name: finding}
     known = [
@@ -240,7 +240,7 @@ def sentence(finding: SensorFinding) -> str:
 
 
 def fit_as_well(group: Sequence[str]) -> str:
-    """That other faults fit the data as well as the one that is named."""
+    """Return a phrase: other faults fit the data as well as the named one."""
     return f"{' or '.join(group)} fits these data equally well"
 
 

@@ -176,7 +176,7 @@ def structure_of_files(request: Request, options: StructureOptions) -> FoundStru
 def hold_of_inputs(
     records: Sequence[Record], aircraft: Aircraft, bandwidth: float = DERIVATIVE_BANDWIDTH
 ) -> tuple[Hold, list[str]]:
-    """How surfaces move between samples: held, or linearly.
+    """Return how surfaces move between samples: held, or linearly.
 
     The six coefficients are regressed on their linear terms under both readings. Held surfaces that
     in truth move linearly act half a sample late, which biases control and damping terms.
@@ -224,7 +224,9 @@ def hold_of_inputs(
 
 
 def _linear_residuals(histories: Sequence[Histories], terms: Sequence[Term]) -> list[np.ndarray]:
-    """Residuals ``(6, M)`` of each maneuver after a regression of each coefficient on ``terms``."""
+    """Return the residuals, ``(6, M)``, of each maneuver after regression of each coefficient on
+    ``terms``.
+    """
     ends = np.cumsum([len(each.time) for each in histories])[:-1]
     rows = []
     for axis in histories[0].coefficients:
@@ -351,7 +353,7 @@ def predicted_r2(found: FoundStructure, records: Sequence[Record]) -> dict[str, 
 def coefficients_of(
     record: Record, aircraft: Aircraft, bandwidth: float = DERIVATIVE_BANDWIDTH
 ) -> Histories:
-    """Coefficient histories of a record.
+    """Return the coefficient histories of a record.
 
     Raises
     ------

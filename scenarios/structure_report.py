@@ -71,7 +71,7 @@ def structure_text(found: FoundStructure, width: int = WIDTH, details: str = BEL
 
 
 def structure_summary(found: FoundStructure, details: str = BELOW) -> Summary:
-    """The records, how many terms were chosen, the lowest R2, and the residual over the noise."""
+    """Return the summary: records, number of chosen terms, lowest R2, residual over the noise."""
     names = ", ".join(each.name for each in found.histories)
     windows = sum(len(each.time) for each in found.histories)
     some = found.selections
@@ -122,7 +122,7 @@ def summary_table(found: FoundStructure) -> Table:
 
 
 def prediction_table(found: FoundStructure) -> Table:
-    """R2 of each coefficient on records that were not fitted."""
+    """Return a table of R2 of each coefficient on records that were not fitted."""
     rows: list[list[Cell]] = [
         [name, *(formatted(value, ".4f", PURE) for value in told.values())]
         for name, told in found.predicted.items()
@@ -132,14 +132,14 @@ def prediction_table(found: FoundStructure) -> Table:
 
 
 def _f_digits(ratios: Iterable[float]) -> str:
-    """Return one format for a whole column of F ratios: none mixes 2.41e+04 with 350."""
+    """Return the number format of a column of F ratios, so that 2.41e+04 is not beside 350."""
     finite = [abs(float(F)) for F in ratios if math.isfinite(float(F))]
     return ".0f" if max(finite, default=0.0) >= 1000.0 else ".3g"
 
 
 def terms_table(found: FoundStructure, axis: str) -> Table:
-    """Return the values of a coefficient's terms, the partial F ratio of each beside all others,
-    what the step reached in which it came, and its variance inflation.
+    """Return a table of a coefficient's terms: values, partial F ratios given all other terms, R2
+    and predicted squared error (PSE) after the step that added the term, variance inflation (VIF).
     """
     each, together = found.selections[axis], found.collinearity[axis]
     inflation = dict(zip(together.terms, together.inflation.tolist(), strict=True))
@@ -172,14 +172,14 @@ def _several(found: FoundStructure) -> bool:
 
 
 def _held(value: float, found: FoundStructure) -> tuple[Cell, ...]:
-    """Return the cell of R2 on maneuvers left out; none of a single maneuver."""
+    """Return the cell of R2 on maneuvers left out; no cell if there is only one maneuver."""
     if not _several(found):
         return ()
     return (formatted(value, ".4f", PURE) if math.isfinite(value) else "",)
 
 
 def findings(found: FoundStructure) -> list[str]:
-    """Sentences: missing terms, differences of the methods, collinear terms and the remedy."""
+    """Return sentences on missing and collinear terms, and on differences of the methods."""
     sentences = _surfaces_together(found)
     for axis, each in found.selections.items():
         if each.lacking:
@@ -281,7 +281,7 @@ def _surfaces_together(found: FoundStructure) -> list[str]:
 
 
 def structure_figures(found: FoundStructure) -> Iterator[Named]:
-    """Measured and modelled coefficients, a figure for forces and one for moments."""
+    """Yield figures of measured and modelled coefficients: one of forces and one of moments."""
     axes = list(found.selections)
     for stem, part in (("forces", axes[:3]), ("moments", axes[3:])):
         yield stem, partial(coefficient_figure, found, part)
@@ -294,7 +294,7 @@ def modelled(found: FoundStructure, axis: str, number: int) -> np.ndarray:
 
 
 def coefficient_figure(found: FoundStructure, axes: Sequence[str], most: int = 4) -> Figure:
-    """Measured and modelled coefficients over time, the first maneuvers side by side.
+    """Plot measured and modelled coefficients over time, the first maneuvers side by side.
 
     Parameters
     ----------
@@ -445,5 +445,5 @@ def _selection(each: Selection) -> Mapping[str, Any]:
 
 
 def _left_out(r2: float) -> dict[str, float]:
-    """R2 on maneuvers left out; nothing if there is one maneuver alone."""
+    """Return R2 on maneuvers left out; empty if there is only one maneuver."""
     return {"r2_left_out": r2} if math.isfinite(r2) else {}

@@ -123,8 +123,8 @@ POLE_DRAWS = 60  # draws of the parameters, for the poles' scatter
 
 
 def poles_of(found: IdentificationResult) -> tuple[np.ndarray, np.ndarray] | None:
-    """Poles ``(n,)`` of the estimate, 1/s, and ``(POLE_DRAWS, n)`` at samples from its covariance;
-    None if the model is not linearised about a steady motion.
+    """Return the poles ``(n,)`` of the estimate, 1/s, and ``(POLE_DRAWS, n)`` at samples from its
+    covariance; None if the model is not linearised about a steady motion.
     """
     system, estimate = found.system, found.estimate
     if system is None or "altitude" in system.state_names or estimate.outcome not in SETTLED:
@@ -152,8 +152,8 @@ def poles_of(found: IdentificationResult) -> tuple[np.ndarray, np.ndarray] | Non
 def other_records(
     found: IdentificationResult, noise: Mapping[str, float], data: str = MEASURED_DATA
 ) -> Iterator[Named]:
-    """Simulation of every record but the first: ``fit_2``, ..., and ``held_out``, ``held_out_2``,
-    ... of those that were not fitted.
+    """Return the simulation of every record but the first: ``fit_2``, ..., and ``held_out``,
+    ``held_out_2``, ... of those that were not fitted.
     """
     from scenarios.plots.signals import MethodOutputs, context, figure_fit
 
@@ -422,8 +422,8 @@ def linearised(
 
 
 def _middle(record: Record) -> dict[str, float]:
-    """Altitude and velocity of a falling body in the middle of its record, by a straight line
-    through its neighbours.
+    """Return the altitude and velocity of a falling body in the middle of its record, by a straight
+    line through its neighbours.
     """
     channel = record["altitude"]
     t, h = record.time[channel.valid], channel.values[channel.valid]

@@ -165,7 +165,8 @@ def filter_system(record: Record, vehicle: VehicleFile, noise: Mapping[str, floa
 
 
 def noise_levels(record: Record) -> dict[str, float]:
-    """Standard deviation of the noise of alpha (rad), q (rad/s) and nz (g), read off the record.
+    """Return the standard deviation of the noise of alpha (rad), q (rad/s) and nz (g), read off the
+    record.
 
     Never below a tenth of the flight's in the paper, which it used for its simulation: a record
     without noise still differs from a low-order model. A channel that is absent, or too short to
@@ -226,7 +227,7 @@ def less(record: Record, offsets: Mapping[str, float]) -> Record:
 def derived_of(
     estimate: Estimate, vehicle: VehicleFile, delay: tuple[float, float]
 ) -> dict[str, tuple[float, float]]:
-    """Natural frequency (rad/s), damping ratio and delay (s) with standard deviations.
+    """Return the natural frequency (rad/s), damping ratio and delay (s) with standard deviations.
 
     ``delay`` stands in, with its deviation, where the estimate does not have it. Frequency and
     damping are left out where the short period does not oscillate or a number is not finite.

@@ -121,7 +121,7 @@ def constraints_content(
 
 
 def intervals_content(intervals: Sequence[ProfileInterval]) -> dict[str, Any]:
-    """Profile-likelihood intervals by parameter; an end that is left out is open."""
+    """Return the profile-likelihood intervals by parameter; an end that is left out is open."""
     if not intervals:
         return {}
     return {
@@ -251,7 +251,7 @@ def _end(each: ProfileInterval, side: int, factor: float) -> Cell:
 
 
 def _sides(each: ProfileInterval) -> str:
-    """``"-1.8 to +2.6"``."""
+    """Return the ends of an interval in sigmas from the estimate: ``"-1.8 to +2.6"``."""
     low, high = (
         "open" if end is None else f"{(end - each.value) / each.sigma:+.2g}"
         for end in (each.low, each.high)
@@ -269,8 +269,8 @@ UNMEASURABLE = "not measurable from this record"
 
 
 def estimated_noise(found: IdentificationResult) -> dict[str, float]:
-    """Sensor noise (SI) of each output with coloured residuals, estimated from the high frequencies
-    of the residuals of simulations.
+    """Return the sensor noise (SI) of each output with coloured residuals, estimated from the high
+    frequencies of the residuals of simulations.
     """
     return {name: level for name, level in _levels(found).items() if level is not None}
 
@@ -301,7 +301,9 @@ def _levels(found: IdentificationResult) -> dict[str, float | None]:
 
 
 def noise_phrase(found: IdentificationResult) -> str:
-    """``"sensor noise (estimated, 1 sigma): q 0.09 deg/s"``; empty if all residuals are white."""
+    """Return ``"sensor noise (estimated, 1 sigma): q 0.09 deg/s"``; empty if all residuals are
+    white.
+    """
     levels = []
     for name, level in _levels(found).items():
         if level is None:
@@ -475,7 +477,9 @@ def identification_page(
     validation: Sequence[InputFile] = (),
     drawn: Sequence[Drawn] = (),
 ) -> Page:
-    """The page of an identification: ``files`` were fitted, those of ``validation`` predicted."""
+    """Return the page of an identification: ``files`` were fitted, those of ``validation``
+    predicted.
+    """
     estimate, records = found.estimate, (found.record, *found.others)
     settled = estimate.outcome in SETTLED
     white = all(test.passed for test in found.tests)

@@ -142,7 +142,7 @@ def _extremes(setting: Setting, motion: FittedModel) -> dict[str, tuple[float, f
 
 
 def used_shares(setting: Setting, extremes: Mapping[str, tuple[float, float]]) -> dict[str, float]:
-    """Excursion from rest divided by its limit, of each output with a limit."""
+    """Return the excursion from rest divided by its limit, of each output with a limit."""
     shares = {}
     for name, (low, high) in extremes.items():
         least, most = setting.limits.outputs.get(name, (-np.inf, np.inf))
@@ -555,8 +555,8 @@ def _weighed(
 
 
 def _criterion(flight: LimitedManeuver) -> float:
-    """Geometric mean of sigma over value, of parameters with a sigma below their value: lower is
-    better.
+    """Return the geometric mean of sigma over value, of parameters with a sigma below their value:
+    lower is better.
     """
     sigmas = shared_sigmas(flight.motion.fit)
     parameters = flight.motion.model.parameters

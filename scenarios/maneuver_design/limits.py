@@ -105,7 +105,7 @@ def offset_of(model: Model, output: str) -> float:
 
 
 def usual_limits(model: Model, rest: Mapping[str, float]) -> Limits:
-    """Default limits.
+    """Return default limits.
 
     ``rest`` : outputs in trim. A user model gets limits for outputs with known names.
     """
@@ -183,7 +183,7 @@ def limits_of(given: Path | Mapping[str, Any] | None, model: Model, usual: Limit
 
 
 def _keys(model: Model) -> dict[str, tuple[str, str, str]]:
-    """Key -> channel, limited quantity, and unit."""
+    """Return a mapping: key of a limit -> channel, limited quantity, unit."""
     out: dict[str, tuple[str, str, str]] = {}
     for signal in model.equations.outputs:
         out |= {f"{signal.name}_{end}": (signal.name, end, signal.unit) for end in ("min", "max")}

@@ -293,7 +293,7 @@ def design_text(design: DesignResult, width: int = WIDTH, details: str = BELOW) 
 
 
 def summary_of(design: DesignResult, details: str = BELOW) -> Summary:
-    """Summary: vehicle and limits; the best maneuver; its sigmas and peaks."""
+    """Return the summary: vehicle and limits; the best maneuver; its sigmas and peaks."""
     setting, best = design.setting, design.best
     seconds = setting.maneuver_limits.time[-1]
     kinds = "one kind" if len(design.maneuvers) == 1 else f"{len(design.maneuvers)} kinds"

@@ -448,7 +448,7 @@ def margins_content(found: OpenMargins) -> dict[str, Any]:
 
 
 def margins_sentence(found: OpenMargins) -> str:
-    """Share of the loops in which the flight has the larger margin, and its main cause."""
+    """Return the share of loops in which the flight has the larger margin, and its main cause."""
     words = {
         AIRFRAMES: "the airframes alone differ",
         EVERYTHING: "surfaces and computing differ, too",

@@ -107,7 +107,7 @@ class Flown:
     noise: Mapping[str, float]
 
     def path(self, name: str) -> Path:
-        """``train.csv``, ``validate.csv`` or ``vehicle.toml``."""
+        """Return ``train.csv``, ``validate.csv`` or ``vehicle.toml``."""
         return self.folder.path / name
 
 
