@@ -62,7 +62,7 @@ class Studied:
 
 @cache
 def aircraft() -> Aircraft:
-    """Return the true aircraft: the generic airliner with terms of two signals each."""
+    """Return the true aircraft: the generic airliner with products of two signals as terms."""
     from scenarios.files.aircraft_files import example
     from sim.aerodynamics import parse_term
     from sim.vehicles.aircraft import declaration_of
