@@ -638,7 +638,7 @@ SCENARIOS = (
         (" / effect.recurrence.probability[number]", ""),
     ),
     *changes(
-        "scenarios/side_by_side.py",
+        "scenarios/plots/display.py",
         ("tests/unit/scenarios/test_side_by_side.py",),
         (
             "(self.estimate - self.reference) / abs(self.reference)",
