@@ -175,35 +175,34 @@ def draw_diagnosis(
 
 def figures_of(pictured: Pictured) -> list[tuple[str, Callable[[], Figure]]]:
     """Return file stem and drawing function of each figure."""
-    from scenarios.plots.residuals import figure_held_out, figure_residuals, figure_spectra
-    from scenarios.plots.tracing import figure_derivatives, figure_evidence, figure_replication
+    from scenarios.plots import tracing
 
     kind, noise = pictured.kind, pictured.noise
     drawings: dict[str, Callable[[], Figure]] = {}
     for number, prediction in enumerate(pictured.predictions):
         title = f"{prediction.record.name} ({kind}): {pictured.data} and predicted"
         drawings[numbered("held_out", number)] = partial(
-            figure_held_out, prediction, noise, title, pictured.data
+            tracing.figure_held_out, prediction, noise, title, pictured.data
         )
     for number, fitted in enumerate(pictured.fitted):
         name = fitted.record.name
         drawings[numbered("residuals", number)] = partial(
-            figure_residuals, fitted, noise, f"{name}: residuals"
+            tracing.figure_residuals, fitted, noise, f"{name}: residuals"
         )
         drawings[numbered("spectra", number)] = partial(
-            figure_spectra, fitted, noise, f"{name}: spectra of the residuals"
+            tracing.figure_spectra, fitted, noise, f"{name}: spectra of the residuals"
         )
     if pictured.candidates:
         drawings["evidence"] = partial(
-            figure_evidence, pictured.candidates, pictured.standing, "Evidence"
+            tracing.figure_evidence, pictured.candidates, pictured.standing, "Evidence"
         )
     if pictured.before and pictured.after:
         drawings["derivatives"] = partial(
-            figure_derivatives, pictured.before, pictured.after, "Derivatives"
+            tracing.figure_derivatives, pictured.before, pictured.after, "Derivatives"
         )
     if pictured.replicated:
         drawings["replication"] = partial(
-            figure_replication, pictured.replicated, "Parameters by record"
+            tracing.figure_replication, pictured.replicated, "Parameters by record"
         )
     return list(drawings.items())
 

@@ -1,5 +1,5 @@
-"""Data of figures: axis labels and units, histories of filters, candidates of a diagnosis, values
-and signals of studies.
+"""Data of figures: axis labels and units, histories of filters, candidates of a diagnosis, spectra
+of residuals, values and signals of studies.
 """
 
 from __future__ import annotations
@@ -341,6 +341,80 @@ class Pictured:
     kind: str
     replicated: tuple[Replicated, ...] = ()
     data: str = MEASURED_DATA
+
+
+# ---- Spectra and coherence of residuals
+
+COHERENCE_SEGMENTS = 15  # segments of a record for a coherence; they overlap by half
+EXCEEDED_SHARE = 0.05  # probability that the coherence of noise exceeds the drawn level
+INPUT_REGULARIZATION = 1e-9  # share of the inputs' power, for inputs that depend on each other
+SMALLEST_POWER = 1e-300  # keeps the matrix of inputs without power regular
+FEWEST_SMOOTHED_SAMPLES = 100  # spectra of shorter series are not smoothed
+SMOOTHED_FREQUENCIES = 5  # neighbouring frequencies in a mean
+
+
+def input_coherence(
+    residual: np.ndarray, inputs: np.ndarray, interval: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return frequencies, Hz, and the multiple coherence of a residual with the inputs at each.
+
+    The coherence is the share of the residual's power that follows the inputs linearly (Bendat and
+    Piersol, *Random Data*, 4th edition, 2010, chapter 7).
+
+    Parameters
+    ----------
+    residual : samples ``(N,)``.
+    inputs : samples ``(q, N)``.
+    interval : sampling interval, s.
+    """
+    length = 2 * residual.size // (COHERENCE_SEGMENTS + 1)
+    starts = range(0, residual.size - length + 1, max(length // 2, 1))
+    # SciPy's signal package is not used: it takes longer to load than this to compute.
+    segments = np.array(
+        [[row[start : start + length] for start in starts] for row in (*inputs, residual)]
+    )
+    segments = segments - segments.mean(axis=2, keepdims=True)
+    transforms = np.fft.rfft(segments * np.hanning(length), axis=2)
+    matrix = np.einsum("asf,bsf->fab", transforms.conj(), transforms) / len(starts)
+    # Cross spectra of the inputs, of inputs and residual, and the spectrum of the residual.
+    of_inputs, cross, power = matrix[:, :-1, :-1], matrix[:, :-1, -1], matrix[:, -1, -1].real
+    unit = np.eye(len(inputs))
+    trace = np.trace(of_inputs, axis1=1, axis2=2).real[:, None, None]
+    of_inputs = of_inputs + INPUT_REGULARIZATION * trace * unit
+    solved = np.linalg.solve(of_inputs + SMALLEST_POWER * unit, cross[..., None])[..., 0]
+    share = np.sum(cross.conj() * solved, axis=1).real / np.where(power > 0.0, power, np.inf)
+    hertz = np.fft.rfftfreq(length, interval)
+    return hertz[1:], np.clip(share, 0.0, 1.0)[1:]
+
+
+def coherence_level(inputs: int) -> float:
+    """Return the multiple coherence that noise alone exceeds with ``EXCEEDED_SHARE``.
+
+    ``inputs`` is the number of inputs. There are ``COHERENCE_SEGMENTS`` segments.
+    """
+    from scipy.special import betaincinv
+
+    return float(betaincinv(inputs, COHERENCE_SEGMENTS - inputs, 1.0 - EXCEEDED_SHARE))
+
+
+def spectrum(residual: np.ndarray, interval: float, used: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return frequencies, Hz, and the power of a series at each; that of white noise is its
+    variance.
+
+    Parameters
+    ----------
+    residual : samples ``(N,)``, zero where they are missing.
+    interval : sampling interval, s.
+    used : number of samples that are not missing.
+    """
+    count = len(residual)
+    window = np.hanning(count)
+    scale = float(np.sum(window**2)) * max(used, 1) / count
+    power = np.abs(np.fft.rfft(residual * window)) ** 2 / scale
+    hertz = np.fft.rfftfreq(count, interval)
+    width = 1 if count < FEWEST_SMOOTHED_SAMPLES else SMOOTHED_FREQUENCIES
+    smooth = np.convolve(power[1:], np.ones(width) / width, mode="valid")
+    return hertz[1 + width // 2 : 1 + width // 2 + len(smooth)], smooth
 
 
 # ---- Data of the figures that compare studies
