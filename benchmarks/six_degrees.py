@@ -136,7 +136,7 @@ def structure_seconds(runs: int) -> None:
     """Print the time in which the terms of fifty maneuvers are found."""
     from scenarios.files.aircraft_files import read_aircraft
     from scenarios.files.declarations import read_toml_source
-    from scenarios.structure.study import StructureOptions, structure_of
+    from scenarios.structure import StructureOptions, structure_of
 
     changes = ('flight.duration="40 s"',)
     scenario, first = flown("aircraft-airliner", changes)

@@ -12,8 +12,8 @@ from exam.every_effect.flight import Flown, write_hidden
 from exam.every_effect.work import EveryEffect, scored_flight_of
 from exam.scores.scored_flight import ScoredFlight
 from scenarios.diagnosis.diagnose import Tracing, diagnose_files
-from scenarios.diagnosis.report.files import write_diagnosis
-from scenarios.diagnosis.report.text import diagnosis_text
+from scenarios.diagnosis.files import write_diagnosis
+from scenarios.diagnosis.text import diagnosis_text
 from scenarios.files.writing import study_folder, write_json
 from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.report.summary import WIDTH

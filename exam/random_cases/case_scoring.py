@@ -15,7 +15,7 @@ from exam.random_cases.vehicles import NOISE, estimated
 from exam.scoring import same_fault
 from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
 from scenarios.diagnosis.diagnose import Tracing
-from scenarios.diagnosis.report.evidence import warnings_of
+from scenarios.diagnosis.evidence import warnings_of
 from sim.declaration.model import Model
 from sim.errors import DeclarationError, FlightidError, RecordError
 

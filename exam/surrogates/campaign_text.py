@@ -14,7 +14,7 @@ from exam.scores.tables import SHARED, share_cells
 from exam.scores.text import scores_blocks
 from exam.surrogates.campaign import Judged, by_derivative, by_effect, scores_of, shares
 from exam.surrogates.declaration import Surrogate
-from scenarios.diagnosis.report.content import bounded
+from scenarios.diagnosis.text import bounded
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json
 from scenarios.report.document import PURE, Cell, Column, Number, Page, counted

@@ -10,7 +10,7 @@ from typing import Any
 from exam.surrogates.flights.flight import Flight, write_flight
 from exam.surrogates.page import scored_page
 from exam.surrogates.study import SurrogateStudy
-from scenarios.diagnosis.report.content import bounded, positive
+from scenarios.diagnosis.text import bounded, positive
 from scenarios.files.sources import versions
 from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.trials.planted_report import write_trial

@@ -12,8 +12,8 @@ from exam.surrogates.flights.drawing import Dominant, Drawn
 from exam.surrogates.flights.flight import Flight
 from exam.surrogates.study import Moved, SurrogateStudy
 from ident.tracing.diagnosis import Quantity
-from scenarios.diagnosis.report.text import details_text, diagnosis_summary
-from scenarios.diagnosis.report.wording import DECLARED, is_unexplained
+from scenarios.diagnosis.text import details_text, diagnosis_summary
+from scenarios.diagnosis.wording import DECLARED, is_unexplained
 from scenarios.report.document import (
     BY_ROW,
     Cell,

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
-from scenarios.plots.display import display_unit, symbol
+from scenarios.plots.display import display_unit, spectrum, symbol
 from scenarios.plots.style import (
     BLACK,
     BLUE,
@@ -127,8 +127,6 @@ def _draw_power(  # type: ignore[no-untyped-def]
     panel, time: np.ndarray, values: np.ndarray, noise: float, marks: Sequence[float]
 ) -> None:
     """Draw the power spectrum of a residual over that of its noise; see `figure_residual`."""
-    from scenarios.plots.residuals import spectrum
-
     hertz, power = spectrum(values, float(time[1] - time[0]), len(values))
     panel.axhline(1.0, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)))
     panel.plot(2.0 * np.pi * hertz, power / noise**2, color=BLUE, linewidth=1.0)

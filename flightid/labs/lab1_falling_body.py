@@ -9,8 +9,8 @@ def _():
     import marimo as mo
 
     from flightid.labs import page
+    from flightid.labs.workings import close, command
     from flightid.labs.workings import falling_body as lab
-    from flightid.labs.workings.trying import close, command
     from scenarios.plots.signals import figure_ballistic_coefficient, figure_trajectory
 
     return close, command, figure_ballistic_coefficient, figure_trajectory, lab, mo, page
@@ -103,12 +103,7 @@ def _(controls, figure_ballistic_coefficient, lab, mo, page, seed, study):
         ),
         "estimate of beta over time with its band of two standard deviations, and its error",
     )
-    mo.vstack(
-        [
-            mo.md("## Try it"),
-            page.beside([page.sliders(controls), seed], _figure),
-        ]
-    )
+    mo.vstack([mo.md("## Try it"), page.beside([page.sliders(controls), seed], _figure)])
     return
 
 
@@ -172,11 +167,7 @@ def _(asked, command, lab, mo, page, runs):
                 ],
                 [
                     ["mean over the falls", f"{_all.bias:+.1f}", "0"],
-                    [
-                        "scatter: standard deviation over the falls",
-                        f"{_all.scatter:.1f}",
-                        "1",
-                    ],
+                    ["scatter: standard deviation over the falls", f"{_all.scatter:.1f}", "1"],
                     [
                         "share within 2: the interval of two sigmas contains the true value",
                         f"{100 * _all.within_two:.0f} %",

@@ -10,8 +10,8 @@ def _():
 
     from flightid.labs import page
     from flightid.labs.figures import figure_input_spectrum
+    from flightid.labs.workings import close, command, sigmas_off
     from flightid.labs.workings import short_period as lab
-    from flightid.labs.workings.trying import close, command, sigmas_off
     from scenarios.plots.signals import figure_record
 
     return close, command, figure_input_spectrum, figure_record, lab, mo, page, sigmas_off
@@ -103,12 +103,7 @@ def _(controls, figure_input_spectrum, mo, page, seed, study):
         ),
         "the elevator over time, and its spectrum with the frequency of the short period marked",
     )
-    mo.vstack(
-        [
-            mo.md("## Try it"),
-            page.beside([page.sliders(controls), seed], _figure),
-        ]
-    )
+    mo.vstack([mo.md("## Try it"), page.beside([page.sliders(controls), seed], _figure)])
     return
 
 

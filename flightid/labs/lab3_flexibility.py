@@ -10,9 +10,9 @@ def _():
 
     from flightid.labs import page
     from flightid.labs.figures import figure_residual
+    from flightid.labs.workings import close, command, residuals, sigmas_off
     from flightid.labs.workings import flexibility as lab
-    from flightid.labs.workings.trying import close, command, residuals, sigmas_off
-    from scenarios.plots.residuals import EquivalentRow, figure_equivalents
+    from scenarios.plots.comparisons import EquivalentRow, figure_equivalents
 
     return (
         EquivalentRow,

@@ -12,7 +12,7 @@ def _():
     from flightid.labs import page
     from flightid.labs.figures import figure_bode
     from flightid.labs.workings import augmented as lab
-    from flightid.labs.workings.trying import close, command
+    from flightid.labs.workings import close, command
     from scenarios.plots.signals import figure_fit, response_of
 
     return close, command, figure_bode, figure_fit, lab, mo, np, page, response_of

@@ -148,12 +148,7 @@ def _(lab, mo, seed):
     _ = seed.value
     guess = mo.ui.radio(list(lab.SUSPECTS), value=None, label="What acts here?")
     sure = mo.ui.slider(
-        0,
-        100,
-        step=10,
-        value=50,
-        label="probability that your guess is right, %",
-        show_value=True,
+        0, 100, step=10, value=50, label="probability that your guess is right, %", show_value=True
     )
     return guess, sure
 

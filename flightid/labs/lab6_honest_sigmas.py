@@ -10,8 +10,8 @@ def _():
 
     from flightid.labs import page
     from flightid.labs.figures import figure_residual, figure_scatter
+    from flightid.labs.workings import close, command, residuals
     from flightid.labs.workings import honest_sigmas as lab
-    from flightid.labs.workings.trying import close, command, residuals
 
     return close, command, figure_residual, figure_scatter, lab, mo, page, residuals
 

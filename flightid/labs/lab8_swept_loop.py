@@ -9,8 +9,8 @@ def _():
     import marimo as mo
 
     from flightid.labs import page
+    from flightid.labs.workings import close, command
     from flightid.labs.workings import swept_loop as lab
-    from flightid.labs.workings.trying import close, command
     from scenarios.plots.flying_qualities import figure_margins, figure_response
 
     return close, command, figure_margins, figure_response, lab, mo, page

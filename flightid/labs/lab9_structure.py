@@ -10,8 +10,8 @@ def _():
 
     from flightid.labs import page
     from flightid.labs.figures import figure_structure
+    from flightid.labs.workings import close
     from flightid.labs.workings import model_structure as lab
-    from flightid.labs.workings.trying import close
 
     return close, figure_structure, lab, mo, page
 
@@ -128,10 +128,7 @@ def _(axis, controls, lab, mo, page, studied):
                 "largest condition index (another measure of collinearity) "
                 f"**{max(_together.indices):.0f}**."
             ),
-            mo.callout(
-                mo.md("<br>".join(page.plain(line) for line in _said)),
-                kind="warn",
-            )
+            mo.callout(mo.md("<br>".join(page.plain(line) for line in _said)), kind="warn")
             if _said
             else mo.callout(
                 mo.md(

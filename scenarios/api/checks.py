@@ -12,6 +12,7 @@ import numpy as np
 
 from ident.flying_qualities.stability_margins import Margin
 from ident.frequency_response import LEAST_COHERENCE
+from scenarios import compatibility as checking
 from scenarios import maneuvers
 from scenarios.api import plot, tables
 from scenarios.api.records import ChannelMap, choices_of
@@ -29,8 +30,7 @@ from scenarios.api.requests import (
 from scenarios.api.shown import SavedResult
 from scenarios.api.tables import band_of, in_python_words, names_of, with_python_errors
 from scenarios.api.vehicle import Vehicle
-from scenarios.compatibility import check as checking
-from scenarios.compatibility.report import finding_lines
+from scenarios.compatibility_report import finding_lines
 from scenarios.files.declarations import read_channel_map
 from scenarios.preparation.plan import DeclaredParts
 from scenarios.report.figure_formats import Formats
@@ -82,7 +82,7 @@ class Check(SavedResult):
 
     def summary(self) -> str:
         """Return the text that the command prints."""
-        from scenarios.compatibility.report import print_check
+        from scenarios.compatibility_report import print_check
         from scenarios.report.quantities import as_text
 
         return as_text(lambda out: print_check(self.details, out, KEPT))
@@ -115,12 +115,12 @@ class Check(SavedResult):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of ``compatibility.json``."""
-        from scenarios.compatibility.report import check_content
+        from scenarios.compatibility_report import check_content
 
         return check_content(self.details)
 
     def _write(self, folder: Path, figures: Formats) -> Path:
-        from scenarios.compatibility.report import write_check
+        from scenarios.compatibility_report import write_check
 
         return write_check(self.details, folder, figures=figures)
 

@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from ident.structure.coefficients import DERIVATIVE_BANDWIDTH
+from scenarios import structure as structures
 from scenarios.api import tables
 from scenarios.api.identification import Saved, refuse_no_study
 from scenarios.api.record import Record, record_of
@@ -30,11 +31,9 @@ from scenarios.api.shown import SavedResult, path_given
 from scenarios.api.tables import band_of, names_of, refuse_wrong_type, with_python_errors
 from scenarios.api.vehicle import Vehicle, source_of
 from scenarios.maneuver_design import design as designing
-from scenarios.maneuver_design.report import design_text, verdict_of
+from scenarios.maneuver_design.report import design_text, maneuvers_table, peaks_of, verdict_of
 from scenarios.maneuver_design.setting import TYPICAL, DesignRequest
-from scenarios.maneuver_design.tables import maneuvers_table, peaks_of
 from scenarios.report.figure_formats import Formats
-from scenarios.structure import study as structures
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
@@ -240,7 +239,7 @@ class Structure(SavedResult):
 
     def summary(self) -> str:
         """Return the text that the command prints."""
-        from scenarios.structure.report import structure_text
+        from scenarios.structure_report import structure_text
 
         return structure_text(self.details)
 
@@ -263,12 +262,12 @@ class Structure(SavedResult):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of ``structure.json``."""
-        from scenarios.structure.report import structure_content
+        from scenarios.structure_report import structure_content
 
         return structure_content(self.details)
 
     def _write(self, folder: Path, figures: Formats) -> Path:
-        from scenarios.structure.report import write_structure
+        from scenarios.structure_report import write_structure
 
         return write_structure(self.details, folder, figures=figures)
 

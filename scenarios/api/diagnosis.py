@@ -88,7 +88,7 @@ class Diagnosis(SavedResult, WithParameters):
     @property
     def headline(self) -> str:
         """The finding in one sentence."""
-        from scenarios.diagnosis.report.text import headline
+        from scenarios.diagnosis.text import headline
 
         return headline(self.details)
 
@@ -150,7 +150,7 @@ class Diagnosis(SavedResult, WithParameters):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Reasons against the records or the result, one sentence each."""
-        from scenarios.diagnosis.report.evidence import warnings_of
+        from scenarios.diagnosis.evidence import warnings_of
 
         return in_python_words((*self.details.doubts, *warnings_of(self.details)))
 
@@ -161,7 +161,7 @@ class Diagnosis(SavedResult, WithParameters):
 
     def summary(self) -> str:
         """Return the text that the command prints."""
-        from scenarios.diagnosis.report.text import diagnosis_text
+        from scenarios.diagnosis.text import diagnosis_text
 
         return diagnosis_text(self.details, details=KEPT)
 
@@ -211,7 +211,7 @@ class Diagnosis(SavedResult, WithParameters):
         """Return the content of ``diagnosis.json``."""
         from datetime import UTC, datetime
 
-        from scenarios.diagnosis.report.content import diagnosis_content
+        from scenarios.diagnosis.text import diagnosis_content
 
         return diagnosis_content(self.details, datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"))
 
@@ -228,7 +228,7 @@ class Diagnosis(SavedResult, WithParameters):
         )
 
     def _write(self, folder: Path, figures: Formats) -> Path:
-        from scenarios.diagnosis.report.files import write_diagnosis
+        from scenarios.diagnosis.files import write_diagnosis
 
         return write_diagnosis(self.details, folder, figures=figures)
 

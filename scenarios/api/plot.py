@@ -19,7 +19,7 @@ from sim.errors import DeclarationError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from scenarios.compatibility.check import CompatibilityCheck
+    from scenarios.compatibility import CompatibilityCheck
     from scenarios.diagnosis.diagnose import Tracing
     from scenarios.identification.identify import Identified
     from scenarios.maneuvers import FoundManeuvers
@@ -328,8 +328,8 @@ def shown(figure: Figure) -> Figure:
 
 
 def _of_diagnosis(found: DiagnosisResult, stem: str, number: int) -> Figure:
-    from scenarios.diagnosis.report.files import figures_of as made
-    from scenarios.diagnosis.report.files import numbered, pictured
+    from scenarios.diagnosis.files import figures_of as made
+    from scenarios.diagnosis.files import numbered, pictured
 
     figures = dict(made(pictured(found.details)))
     name = numbered(stem, number)

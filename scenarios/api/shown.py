@@ -15,7 +15,7 @@ import numpy as np
 
 from ident.tracing.diagnosis import Diagnosis
 from scenarios.api import tables
-from scenarios.diagnosis.report.text import effect_heading, wording_of
+from scenarios.diagnosis.text import effect_heading, wording_of
 from scenarios.files.declarations import TIME
 from scenarios.identification.assessment import IdentificationResult, RecordFit
 from scenarios.report.figure_formats import Formats, formats_wanted

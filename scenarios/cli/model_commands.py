@@ -207,11 +207,11 @@ def diagnose(
 
             tracing = diagnose_files(request, show_progress)
             if target.out is not None:
-                from scenarios.diagnosis.report.files import write_diagnosis
+                from scenarios.diagnosis.files import write_diagnosis
 
                 show_progress("writing the study", WRITING_DIAGNOSIS_SHARE)
                 write_diagnosis(tracing, target.out, figures=target.figures)
-        from scenarios.diagnosis.report.text import diagnosis_text
+        from scenarios.diagnosis.text import diagnosis_text
 
         print(diagnosis_text(tracing, terminal_width(), details_in(target.out)))
         target.print_place()

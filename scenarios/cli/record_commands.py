@@ -224,8 +224,8 @@ def check(
     output: Output,
 ) -> None:
     """Data compatibility: sensor errors that kinematics alone reveal."""
-    from scenarios.compatibility.check import check_files
-    from scenarios.compatibility.report import print_check, write_check
+    from scenarios.compatibility import check_files
+    from scenarios.compatibility_report import print_check, write_check
 
     plan = preparation.plan(records, trusted=trust)
     with output.writing("compatibility.json") as target:
@@ -277,8 +277,8 @@ def structure(
     would separate them.
     """
     from scenarios.report.summary import terminal_width
-    from scenarios.structure.report import structure_text, write_structure
-    from scenarios.structure.study import StructureOptions, structure_of_files
+    from scenarios.structure import StructureOptions, structure_of_files
+    from scenarios.structure_report import structure_text, write_structure
 
     plan = preparation.plan(records)
     request = Request(

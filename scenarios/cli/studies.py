@@ -47,12 +47,12 @@ def compare_studies(
     ------
     DeclarationError : a folder holds no study, or the studies share no parameter.
     """
-    from scenarios.side_by_side.comparison import compare_columns, read_columns
-    from scenarios.side_by_side.report import print_compared
+    from scenarios.side_by_side import compare_columns, read_columns
+    from scenarios.side_by_side_report import print_compared
 
     compared = compare_columns(read_columns(studies, all_methods))
     if out is not None:
-        from scenarios.side_by_side.report import write_compared
+        from scenarios.side_by_side_report import write_compared
 
         write_compared(compared, out, figures=figures)
     print_compared(compared)

@@ -361,8 +361,6 @@ def _peaks(model: Model, records: Sequence[Record]) -> dict[str, float]:
 
 def _source(request: Request, vehicle: VehicleFile) -> Source | None:
     """Return the vehicle file as it was read; None if a user's own model has none."""
-    from scenarios.diagnosis.opening import vehicle_path_of
-
     path = vehicle_path_of(request)
     if path is None or isinstance(path, Source):
         return path
@@ -372,8 +370,6 @@ def _source(request: Request, vehicle: VehicleFile) -> Source | None:
 
 def _command_names(request: Request, vehicle: VehicleFile) -> Mapping[str, str]:
     """Return the names of model and vehicle file for the printed design command."""
-    from scenarios.diagnosis.opening import vehicle_path_of
-
     path = vehicle_path_of(request)
     shown = "" if path is None else str(path.path if isinstance(path, Source) else path)
     own = (
@@ -456,7 +452,13 @@ def diagnose_files(
     diagnosis = run_loop(loop_input, reading.linear_data(loop_input))
     loop_input, diagnosis = reading.with_better_reading(loop_input, diagnosis, run_loop)
     kinematics = kinematic_check() if diagnosis.verdict is not Verdict.CONSISTENT else None
-    decides = _decides(diagnosis, request, opened, loop_input)
+    decides = deciding_maneuver(
+        diagnosis,
+        request,
+        opened.vehicle,
+        loop_input.model,
+        (*loop_input.records, *loop_input.predicted),
+    )
     return context.tracing(loop_input, diagnosis, kinematics, decides)
 
 
@@ -475,7 +477,6 @@ class _Context:
     overflows: Overflows
 
     def _unnamed_files(self) -> tuple[str, ...]:
-        """Return sentences on the files that were read though the request does not name them."""
         beside = vehicle_next_to(self.request.records[0]) if self.request.vehicle is None else None
         return files_read_unnamed([*self.opened.records, *self.opened.validation], beside)
 
@@ -544,21 +545,7 @@ def _whole(
     return tuple(joined)
 
 
-def _decides(
-    diagnosis: Diagnosis, request: Request, opened: OpenedFiles, loop_input: LoopInput
-) -> DesignResult | None:
-    """Return the maneuver that would decide an ambiguous diagnosis; None for other verdicts."""
-    return deciding_maneuver(
-        diagnosis,
-        request,
-        opened.vehicle,
-        loop_input.model,
-        (*loop_input.records, *loop_input.predicted),
-    )
-
-
 def _guards(model: Model) -> Sequence[Traceable]:
-    """Return the catch-all terms that can act on the model."""
     from sim.effects.library import catch_all_terms_for
 
     return can_act(catch_all_terms_for(model.equations), model)
@@ -570,7 +557,6 @@ def _loop(model: Model) -> Trace:
 
     from ident.tracing.loop import diagnose
     from sim.effects.disturbance.unmeasured_input import discrepancy_for
-    from sim.effects.library import effects_for
 
     return partial(diagnose, discrepancy=discrepancy_for(effects_for(model.equations)))
 

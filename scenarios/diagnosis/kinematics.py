@@ -192,7 +192,7 @@ def _comparable(finding: SensorFinding, name: str) -> bool:
 
 def _equivalents_text(finding: SensorFinding, result: Compatibility) -> str:
     """Return the faults that explain the records equally well, with sizes and probabilities."""
-    from scenarios.compatibility.report import shares
+    from scenarios.compatibility_report import shares
 
     others = [item for name in finding.group for item in result.findings if item.name == name]
     texts = [f"{item.name} {with_sigma(_size_of(item))}" for item in others]
@@ -318,7 +318,6 @@ def _differ(a: Quantity, b: Quantity, error: float) -> bool:
 
 
 def _distance(a: Quantity, b: Quantity) -> float:
-    """Return the difference of two values in standard deviations."""
     std = math.hypot(a.std, b.std)
     return abs(a.value - b.value) / std if std > 0.0 else math.inf
 
@@ -391,7 +390,7 @@ def kinematics_of_files(
     ``choices`` is the channel map. ``plan`` is the preparation; its segments are ignored. A failure
     is reported in the result, not raised.
     """
-    from scenarios.compatibility.check import record_to_check, settings_of
+    from scenarios.compatibility import record_to_check, settings_of
     from scenarios.preparation.plan import Plan
 
     plan = plan or Plan()

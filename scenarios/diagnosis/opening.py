@@ -418,7 +418,6 @@ def own_effects(
 
 
 def _outputs_with_bias(model: Model, records: Sequence[Record]) -> list[str]:
-    """Return the measured outputs whose sensor bias is estimated."""
     measured = {name for record in records for name in record.output_names}
     return outputs_with_bias(
         model, [signal.name for signal in model.equations.outputs if signal.name in measured]

@@ -124,7 +124,6 @@ def _variable(
 
 
 def _math(element: XML.Element) -> XML.Element:
-    """Add the formula of a variable and return its element."""
     return XML.SubElement(XML.SubElement(element, "calculation"), "math", xmlns=MATHML)
 
 
@@ -171,7 +170,6 @@ def _signals(root: XML.Element, aircraft: Aircraft) -> dict[str, str]:
 def _coefficient(
     root: XML.Element, axis: str, terms: list[Term], symbols: Mapping[str, str]
 ) -> None:
-    """Add a coefficient as the sum of its terms."""
     element = _variable(root, axis, NAMES[axis], "1")
     total = _apply(_math(element), "plus")
     for term in terms:

@@ -85,7 +85,6 @@ def _value(parent: XML.Element, number: float) -> None:
 
 
 def _inputs(aircraft: Aircraft) -> list[str]:
-    """Return the properties that a script of JSBSim sets."""
     names = [f"{ROOT}/{name}" for name in aircraft.surfaces]
     return names + ([f"{ROOT}/thrust-n"] if aircraft.thrust.signal else [])
 
@@ -205,7 +204,6 @@ def _signals(aero: XML.Element, aircraft: Aircraft) -> dict[str, str]:
 
 
 def _mixed(function: XML.Element, parts: Mapping[str, float]) -> None:
-    """Add the sum of surfaces times their factors."""
     total = XML.SubElement(function, "sum")
     for name, factor in parts.items():
         product = XML.SubElement(total, "product")
@@ -215,7 +213,6 @@ def _mixed(function: XML.Element, parts: Mapping[str, float]) -> None:
 
 
 def _term(total: XML.Element, term: Term, value: float, signals: Mapping[str, str]) -> None:
-    """Add a term times its coefficient."""
     if not term.factors:
         _value(total, value)
         return

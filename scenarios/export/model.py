@@ -248,7 +248,6 @@ _FOLDED: Mapping[str, Callable[..., float]] = {
     "multiply": lambda a, b: a * b,
     "negative": lambda a: -a,
 }
-Key = tuple[Any, ...]
 
 
 @dataclass(frozen=True)

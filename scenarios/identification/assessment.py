@@ -27,11 +27,7 @@ from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.model_checks import Considered
 from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO
 from scenarios.preparation.filtering import PartedRecord, parts_of, put_together
-from scenarios.preparation.recording import (
-    NOTHING_SEEN,
-    RecordCheck,
-    repeated_without_outliers,
-)
+from scenarios.preparation.recording import NOTHING_SEEN, RecordCheck, repeated_without_outliers
 from scenarios.report.document import BY_ROW, SIGMAS, Column, Table, estimate, formatted, table
 from scenarios.studies.declaration import Row
 from sim.declaration.model import Model, System
@@ -110,7 +106,6 @@ def tied_rows(model: Model, estimate: Estimate) -> tuple[Row, ...]:
 
 
 def _pressed(model: Model, estimate: Estimate) -> list[AtBound]:
-    """Return the parameters that an estimate has at their bounds."""
     return [
         AtBound(name, item.bounds[0 if side == "lower" else 1], item.unit, side)
         for name, value in estimate.as_dict().items()
@@ -295,9 +290,7 @@ def record_fits(
 
     fitted_rows = [*known, *run(fitted[len(known) :])]
 
-    def finite(
-        predicted: Sequence[np.ndarray | None],
-    ) -> tuple[tuple[str, ...], list[np.ndarray]]:
+    def finite(predicted: Sequence[np.ndarray | None]) -> tuple[tuple[str, ...], list[np.ndarray]]:
         return system.output_names, [
             np.full((len(system.outputs), len(record)), np.nan) if rows is None else rows
             for record, rows in zip(held_out, predicted, strict=True)
@@ -328,7 +321,6 @@ def pooled_fits(fits: Sequence[RecordFit], parted: Sequence[PartedRecord]) -> tu
 
 
 def _whole(parted: PartedRecord, parts: Sequence[RecordFit]) -> RecordFit:
-    """Return the simulation of a record from those of its parts."""
     record, (rows,) = put_together(
         parted, [part.record for part in parts], [[part.simulated for part in parts]]
     )
@@ -565,6 +557,12 @@ class IdentificationResult:
     trained: Trained | None = None
     engine: Mapping[str, Any] = field(default_factory=dict)
     considered: Considered | None = None
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each output that a fitted record has."""
+        records = (self.record, *self.others)
+        return {channel.name: channel.unit for record in records for channel in record.outputs}
 
     def __repr__(self) -> str:
         return (

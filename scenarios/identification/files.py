@@ -122,8 +122,8 @@ POLE_DRAWS = 60  # draws of the parameters, for the poles' scatter
 
 
 def poles_of(found: IdentificationResult) -> tuple[np.ndarray, np.ndarray] | None:
-    """Poles ``(n,)`` of the estimate, 1/s, and ``(POLE_DRAWS, n)`` at samples from its covariance;
-    None if the model is not linearised about a steady motion.
+    """Return the poles ``(n,)`` of the estimate, 1/s, and ``(POLE_DRAWS, n)`` at samples from its
+    covariance; None if the model is not linearised about a steady motion.
     """
     system, estimate = found.system, found.estimate
     if system is None or "altitude" in system.state_names or estimate.outcome not in SETTLED:
@@ -151,8 +151,8 @@ def poles_of(found: IdentificationResult) -> tuple[np.ndarray, np.ndarray] | Non
 def other_records(
     found: IdentificationResult, noise: Mapping[str, float], data: str = MEASURED_DATA
 ) -> Iterator[Named]:
-    """Simulation of every record but the first: ``fit_2``, ..., and ``held_out``, ``held_out_2``,
-    ... of those that were not fitted.
+    """Return the simulation of every record but the first: ``fit_2``, ..., and ``held_out``,
+    ``held_out_2``, ... of those that were not fitted.
     """
     from scenarios.plots.signals import MethodOutputs, context, figure_fit
 
@@ -365,7 +365,6 @@ def identification_content(
 
 
 def _validated(files: Sequence[InputFile]) -> dict[str, list[str]]:
-    """Return the names and hashes of the files that were predicted, not fitted."""
     return (
         {
             "validation": [file.name for file in files],
@@ -377,7 +376,6 @@ def _validated(files: Sequence[InputFile]) -> dict[str, list[str]]:
 
 
 def _model_file(found: IdentificationResult) -> dict[str, str]:
-    """Name and hash of a user's own model file."""
     file = found.vehicle.own_file
     return {"model": file.name, "model_sha256": file.sha256} if file is not None else {}
 
@@ -423,8 +421,8 @@ def linearised(
 
 
 def _middle(record: Record) -> dict[str, float]:
-    """Altitude and velocity of a falling body in the middle of its record, by a straight line
-    through its neighbours.
+    """Return the altitude and velocity of a falling body in the middle of its record, by a straight
+    line through its neighbours.
     """
     channel = record["altitude"]
     t, h = record.time[channel.valid], channel.values[channel.valid]

@@ -402,9 +402,7 @@ def identify_files(request: Request, method: str, options: Options = DEFAULT_OPT
     refuse_unknown_model(request.model, "--model")
     if method not in METHODS:
         raise DeclarationError(
-            f"there is no method {method!r}",
-            where="--method",
-            remedy=closest(method, METHODS),
+            f"there is no method {method!r}", where="--method", remedy=closest(method, METHODS)
         )
     refuse_twice(
         [*request.records, *request.validate],

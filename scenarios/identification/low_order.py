@@ -103,36 +103,6 @@ def loes_filter_system(
     )
 
 
-def about_trim(record: Record, until: float) -> Record:
-    """Return the record with alpha, q and stick as perturbations: less their means up to the time
-    ``until`` (s), before the maneuver.
-
-    Raises RecordError when a channel has no sample by then.
-    """
-    quiet = record.time <= until
-
-    def moved(channel: Channel) -> Channel:
-        use = quiet & channel.valid
-        if channel.name not in ("alpha", "q", "stick"):
-            return channel
-        if not use.any():
-            raise RecordError(
-                f"no sample up to {until:g} s",
-                where=f"{record.name}, channel {channel.name}",
-                remedy="give a later time",
-            )
-        return replace(
-            channel,
-            values=np.where(channel.valid, channel.values - channel.values[use].mean(), 0.0),
-        )
-
-    return replace(
-        record,
-        inputs=tuple(moved(c) for c in record.inputs),
-        outputs=tuple(moved(c) for c in record.outputs),
-    )
-
-
 # ---- Identification of a measured record's low-order equivalent system by the paper's filter
 # and its bank of delays
 
@@ -195,7 +165,8 @@ def filter_system(record: Record, vehicle: VehicleFile, noise: Mapping[str, floa
 
 
 def noise_levels(record: Record) -> dict[str, float]:
-    """Standard deviation of the noise of alpha (rad), q (rad/s) and nz (g), read off the record.
+    """Return the standard deviation of the noise of alpha (rad), q (rad/s) and nz (g), read off the
+    record.
 
     Never below a tenth of the flight's in the paper, which it used for its simulation: a record
     without noise still differs from a low-order model. A channel that is absent, or too short to
@@ -256,7 +227,7 @@ def less(record: Record, offsets: Mapping[str, float]) -> Record:
 def derived_of(
     estimate: Estimate, vehicle: VehicleFile, delay: tuple[float, float]
 ) -> dict[str, tuple[float, float]]:
-    """Natural frequency (rad/s), damping ratio and delay (s) with standard deviations.
+    """Return the natural frequency (rad/s), damping ratio and delay (s) with standard deviations.
 
     ``delay`` stands in, with its deviation, where the estimate does not have it. Frequency and
     damping are left out where the short period does not oscillate or a number is not finite.

@@ -71,9 +71,7 @@ def refuse_method(
     """
     if method not in METHODS:
         raise DeclarationError(
-            f"there is no method {method!r}",
-            where="--method",
-            remedy=closest(method, METHODS),
+            f"there is no method {method!r}", where="--method", remedy=closest(method, METHODS)
         )
     if fitted > 1 and method in FILTERS:
         what = f"a filter runs along one segment, and there are {fitted}"
@@ -541,7 +539,6 @@ def _about_fit(model: Model, fit: Estimate) -> Model:
 
 
 def _values_of(fit: Estimate) -> dict[str, float]:
-    """Return the values of a fit by name; empty if it has not converged to finite values."""
     has_converged = fit.outcome in (Outcome.CONVERGED, Outcome.DEGENERATE)
     if has_converged and np.all(np.isfinite([*fit.values, *fit.std])):
         return fit.as_dict()

@@ -417,7 +417,6 @@ def consider(
 
 
 def _comparable(estimate: Estimate, ends: list[Estimate]) -> bool:
-    """Return whether other estimates have converged and have the same parameters."""
     return all(end.names == estimate.names and end.outcome in _SETTLED for end in ends)
 
 

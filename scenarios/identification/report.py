@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from ident.estimate import Outcome
 from ident.flying_qualities.levels import FlightPhase, mode_levels
 from ident.recording.series import measurable_noise
 from ident.statistics.noise_levels import sensor_noise, used_runs
@@ -18,6 +17,7 @@ from ident.tracing.diagnosis import Quantity
 from scenarios.files.sources import InputFile
 from scenarios.files.user_models import Constraints
 from scenarios.identification.assessment import (
+    SETTLED,
     AtBound,
     IdentificationResult,
     RecordFit,
@@ -121,7 +121,7 @@ def constraints_content(
 
 
 def intervals_content(intervals: Sequence[ProfileInterval]) -> dict[str, Any]:
-    """Profile-likelihood intervals by parameter; an end that is left out is open."""
+    """Return the profile-likelihood intervals by parameter; an end that is left out is open."""
     if not intervals:
         return {}
     return {
@@ -251,7 +251,7 @@ def _end(each: ProfileInterval, side: int, factor: float) -> Cell:
 
 
 def _sides(each: ProfileInterval) -> str:
-    """``"-1.8 to +2.6"``."""
+    """Return the ends of an interval in sigmas from the estimate: ``"-1.8 to +2.6"``."""
     low, high = (
         "open" if end is None else f"{(end - each.value) / each.sigma:+.2g}"
         for end in (each.low, each.high)
@@ -269,8 +269,8 @@ UNMEASURABLE = "not measurable from this record"
 
 
 def estimated_noise(found: IdentificationResult) -> dict[str, float]:
-    """Sensor noise (SI) of each output with coloured residuals, estimated from the high frequencies
-    of the residuals of simulations.
+    """Return the sensor noise (SI) of each output with coloured residuals, estimated from the high
+    frequencies of the residuals of simulations.
     """
     return {name: level for name, level in _levels(found).items() if level is not None}
 
@@ -301,18 +301,15 @@ def _levels(found: IdentificationResult) -> dict[str, float | None]:
 
 
 def noise_phrase(found: IdentificationResult) -> str:
-    """``"sensor noise (estimated, 1 sigma): q 0.09 deg/s"``; empty if all residuals are white."""
+    """Return ``"sensor noise (estimated, 1 sigma): q 0.09 deg/s"``; empty if all residuals are
+    white.
+    """
     levels = []
     for name, level in _levels(found).items():
         if level is None:
             levels.append(f"{name} {UNMEASURABLE}")
             continue
-        unit = next(
-            record[name].unit
-            for record in (found.record, *found.others)
-            if name in record.output_names
-        )
-        factor, shown = shown_in(unit, name)
+        factor, shown = shown_in(found.units[name], name)
         levels.append(f"{name} {factor * level:.3g}{spaced(shown)}")
     return (
         f"sensor noise (estimated from high frequencies, 1 sigma): {', '.join(levels)}"
@@ -398,14 +395,9 @@ def print_identification(
         show_table(out, reading_table("", found.reading))
     print_paragraph(out, f"residual (1 sigma): {_residual(found)}", 0)
     show_table(out, fits_table(found.fits))
-    reached = (
-        levels_line(mode_levels(found.modes, flown), flown, found.tests)
-        if found.modes is not None
-        else ""
-    )
     for line in (
         derived_line(found.derived),
-        reached,
+        _levels_reached(found, flown),
         test_line(found.tests),
         noise_phrase(found),
         *(f"note: {note}" for note in found.notes),
@@ -445,6 +437,12 @@ def _estimates(caption: str, found: IdentificationResult, rows: Sequence[Row]) -
     return estimates_table(caption, rows, starts)
 
 
+def _levels_reached(found: IdentificationResult, flown: FlightPhase) -> str:
+    if found.modes is None:
+        return ""
+    return levels_line(mode_levels(found.modes, flown), flown, found.tests)
+
+
 def _considered(found: IdentificationResult) -> list[Block]:
     """Return the contribution of uncertain constants to the sigmas; empty if there is none."""
     if found.considered is None or not found.considered.constants:
@@ -453,7 +451,6 @@ def _considered(found: IdentificationResult) -> list[Block]:
 
 
 def _intervals(found: IdentificationResult) -> list[Block]:
-    """Return the table of profile intervals with notes, if there are any."""
     if not found.intervals:
         return []
     units = {row.name: row.unit for row in found.rows}
@@ -462,21 +459,15 @@ def _intervals(found: IdentificationResult) -> list[Block]:
 
 
 def _residual(found: IdentificationResult) -> str:
-    units = {
-        channel.name: channel.unit
-        for record in (found.record, *found.others)
-        for channel in record.outputs
-    }
     levels = zip(found.estimate.output_names, found.estimate.noise_std, strict=True)
     shown = [
-        (name, displayed(Quantity(float(std), 0.0, units.get(name, "")))) for name, std in levels
+        (name, displayed(Quantity(float(std), 0.0, found.units.get(name, ""))))
+        for name, std in levels
     ]
     return ", ".join(f"{name} {value:.3g}{spaced(unit)}" for name, (value, _, unit) in shown)
 
 
 # ---- The page of an identification from measured records
-
-SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
 
 
 def identification_page(
@@ -486,7 +477,9 @@ def identification_page(
     validation: Sequence[InputFile] = (),
     drawn: Sequence[Drawn] = (),
 ) -> Page:
-    """The page of an identification: ``files`` were fitted, those of ``validation`` predicted."""
+    """Return the page of an identification: ``files`` were fitted, those of ``validation``
+    predicted.
+    """
     estimate, records = found.estimate, (found.record, *found.others)
     settled = estimate.outcome in SETTLED
     white = all(test.passed for test in found.tests)
@@ -533,16 +526,8 @@ def _found(found: IdentificationResult, flown: FlightPhase) -> list[Block]:
     blocks: list[Block] = [_estimates("Parameters", found, found.rows)]
     blocks += [estimates_table("Biases of the sensors", found.biases)] if found.biases else []
     blocks += [derived_table("Derived quantities", found.derived)] if found.derived else []
-    levels = (
-        levels_line(mode_levels(found.modes, flown), flown, found.tests)
-        if found.modes is not None
-        else ""
-    )
-    blocks += [
-        Prose(as_sentence(line))
-        for line in (*bound_lines(found.at_bounds, found.tied), levels)
-        if line
-    ]
+    lines = (*bound_lines(found.at_bounds, found.tied), _levels_reached(found, flown))
+    blocks += [Prose(as_sentence(line)) for line in lines if line]
     blocks += [*_considered(found), *_intervals(found)]
     if found.reading:
         caption = "If the inputs were read otherwise between samples"
@@ -552,13 +537,8 @@ def _found(found: IdentificationResult, flown: FlightPhase) -> list[Block]:
 
 def _evidence(found: IdentificationResult) -> list[Block]:
     estimate = found.estimate
-    units = {
-        channel.name: channel.unit
-        for record in (found.record, *found.others)
-        for channel in record.outputs
-    }
     noise = {
-        name: (float(std), units.get(name, "1"))
+        name: (float(std), found.units.get(name, "1"))
         for name, std in zip(estimate.output_names, estimate.noise_std, strict=True)
     }
     blocks: list[Block] = [tests_table("Residual tests", found.tests)] if found.tests else []
@@ -585,7 +565,6 @@ def _model(found: IdentificationResult) -> str:
 
 
 def _command(found: IdentificationResult, files: Sequence[InputFile]) -> list[str]:
-    """Return the command line of this identification, as far as the result tells."""
     vehicle = found.vehicle.identity
     given = ["--vehicle", os.fspath(vehicle.name)] if vehicle is not None else []
     return [

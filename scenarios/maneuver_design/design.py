@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +38,7 @@ from scenarios.maneuver_design.setting import (
     JUST_FOUND,
     KINDS,
     OVER_A_BAND,
+    PRINTED_AS,
     TYPICAL,
     DesignRequest,
     Setting,
@@ -73,6 +75,12 @@ class LimitedManeuver:
     extremes: Mapping[str, tuple[float, float]]
     bound_by: str
     margins: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def outputs(self) -> dict[str, np.ndarray]:
+        """Simulated outputs by name, ``(N,)``; load factors of perturbation models from trim."""
+        rows = self.motion.fit.linearisations[0].y
+        return dict(zip(self.motion.system.output_names, rows, strict=True))
 
 
 def within_limits(
@@ -134,7 +142,7 @@ def _extremes(setting: Setting, motion: FittedModel) -> dict[str, tuple[float, f
 
 
 def used_shares(setting: Setting, extremes: Mapping[str, tuple[float, float]]) -> dict[str, float]:
-    """Excursion from rest divided by its limit, of each output with a limit."""
+    """Return the excursion from rest divided by its limit, of each output with a limit."""
     shares = {}
     for name, (low, high) in extremes.items():
         least, most = setting.limits.outputs.get(name, (-np.inf, np.inf))
@@ -181,6 +189,25 @@ class PredictedResponses:
     def criterion(self) -> float:
         """Geometric mean of the random errors, each 50 % at most: the lower, the better."""
         return float(np.exp(np.mean(np.log(np.minimum(self.random_error, USELESS_RANDOM_ERROR)))))
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """The entry of ``design.json``."""
+        return {
+            "frequency_Hz": self.frequency.tolist(),
+            "mean_random_error": self.criterion,
+            "pairs": [
+                {
+                    "output": output,
+                    "input": name,
+                    "usable": float(self.usable[m, q]),
+                    "coherence": self.coherence[m, q].tolist(),
+                    "random_error": self.random_error[m, q].tolist(),
+                }
+                for m, output in enumerate(self.outputs)
+                for q, name in enumerate(self.inputs)
+            ],
+        }
 
 
 def predicted_responses(setting: Setting, flight: LimitedManeuver) -> PredictedResponses:
@@ -367,6 +394,13 @@ class DesignedManeuver:
     responses: PredictedResponses | None = None
 
     @property
+    def pace_text(self) -> str:
+        """The pulse width as the step of step maneuvers, as the highest frequency of others."""
+        if PRINTED_AS[self.kind] == "step":
+            return f"step {self.pulse_width:.3g} s"
+        return f"up to {0.5 / self.pulse_width:.3g} Hz"
+
+    @property
     def chance(self) -> float:
         """The least over the effects of the probability that each is found, and preferred to all
         others by enough.
@@ -521,8 +555,8 @@ def _weighed(
 
 
 def _criterion(flight: LimitedManeuver) -> float:
-    """Geometric mean of sigma over value, of parameters with a sigma below their value: lower is
-    better.
+    """Return the geometric mean of sigma over value, of parameters with a sigma below their value:
+    lower is better.
     """
     sigmas = shared_sigmas(flight.motion.fit)
     parameters = flight.motion.model.parameters

@@ -49,13 +49,14 @@ class Flyer:
 
     @property
     def text(self) -> str:
-        """The limits in one line; empty without limits."""
+        """Who flies, and the limits, in one line."""
         if not self.shortest_step:
-            return ""
+            return f"flown by {self.name}"
         return (
-            f"steps of {self.shortest_step:g} s or more, {self.rise:g} s to the full deflection, "
-            f"sweeps up to {self.fastest:g} Hz and {self.longest_sweep:g} s, {self.rest:g} s of "
-            "rest between maneuvers"
+            f"flown by {self.name} (--computer for a flight computer): steps of "
+            f"{self.shortest_step:g} s or more, {self.rise:g} s to the full deflection, sweeps up "
+            f"to {self.fastest:g} Hz and {self.longest_sweep:g} s, {self.rest:g} s of rest between "
+            "maneuvers"
         )
 
 
@@ -104,7 +105,7 @@ def offset_of(model: Model, output: str) -> float:
 
 
 def usual_limits(model: Model, rest: Mapping[str, float]) -> Limits:
-    """Default limits.
+    """Return default limits.
 
     ``rest`` : outputs in trim. A user model gets limits for outputs with known names.
     """
@@ -182,7 +183,7 @@ def limits_of(given: Path | Mapping[str, Any] | None, model: Model, usual: Limit
 
 
 def _keys(model: Model) -> dict[str, tuple[str, str, str]]:
-    """Key -> channel, limited quantity, and unit."""
+    """Return a mapping: key of a limit -> channel, limited quantity, unit."""
     out: dict[str, tuple[str, str, str]] = {}
     for signal in model.equations.outputs:
         out |= {f"{signal.name}_{end}": (signal.name, end, signal.unit) for end in ("min", "max")}

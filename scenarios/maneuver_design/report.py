@@ -1,10 +1,10 @@
-"""A design in the terminal, in design.json, on its page and in its folder."""
+"""A design in the terminal, in design.json, on its page and in its folder; its tables."""
 
 from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,44 +15,253 @@ import numpy as np
 from ident.maneuver_design import ActingEffect, Contest
 from scenarios.files.declarations import TIME
 from scenarios.files.sources import versions
+from scenarios.files.user_models import unit_in
 from scenarios.files.vehicles import vehicle_with_file
 from scenarios.files.writing import csv_text, study_folder, write_json, write_record, write_text
 from scenarios.maneuver_design.design import DesignedManeuver, DesignResult
 from scenarios.maneuver_design.limits import offset_of
-from scenarios.maneuver_design.tables import (
-    acting_text,
-    contest_table,
-    extremes_text,
-    maneuver_text,
-    maneuvers_table,
-    margins_table,
-    notes_of,
-    peaks_of,
-    percent,
-    pulse_width_text,
-    responses_table,
-    si_units,
-    sigmas_table,
-)
 from scenarios.plots import draw_into
 from scenarios.report.document import (
+    BY_ROW,
+    PURE,
+    UNDETERMINED,
     Bullets,
+    Cell,
+    Column,
+    Number,
     Page,
     Prose,
+    Table,
     as_sentence,
     capital,
+    formatted,
     now,
     reproduction,
     section,
+    table,
 )
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures, write_page
+from scenarios.report.quantities import number_text, shown_in, spaced, span_text
 from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
 from sim.record import Record
 
 if TYPE_CHECKING:
     from scenarios.plots.drawing import Named
+
+
+# ---- Phrases
+
+
+def maneuver_text(design: DesignResult, maneuver: DesignedManeuver) -> str:
+    """Return kind, pulse width and peaks: ``"3-2-1-1 (step 0.48 s), elevator 3.2 deg"``."""
+    peaks = ", ".join(_values(design, peaks_of(design, maneuver)))
+    return f"{maneuver.kind} ({maneuver.pace_text}), {peaks}"
+
+
+def peaks_of(design: DesignResult, maneuver: DesignedManeuver) -> dict[str, float]:
+    """Return the largest deflection from trim by input."""
+    return {
+        name: float(np.max(np.abs(row)))
+        for name, row in zip(design.setting.trim_inputs, maneuver.flight.deflections, strict=True)
+    }
+
+
+def notes_of(design: DesignResult) -> list[str]:
+    """Return the assumptions of the design: noise, limits, who flies, trim."""
+    setting = design.setting
+    limits = [
+        *(f"{name} {_ends(design, name, ends)}" for name, ends in setting.limits.outputs.items()),
+        *_values(design, setting.limits.amplitude),
+        *(f"rate of {text}/s" for text in _values(design, setting.limits.rate)),
+    ]
+    trim = _values(design, {name: value for name, value in setting.trim_inputs.items() if value})
+    return [
+        f"noise (1 sigma): {', '.join(_values(design, setting.noise))}",
+        f"limits: {', '.join(limits)}; load factors are totals, 1 in level flight",
+        f"{setting.flyer.text}; motions are computed with rate-limited inputs; margin: by how much "
+        "the real motion may exceed that of the model before it reaches a limit",
+        *([f"trim: {', '.join(trim)}"] if trim else []),
+    ]
+
+
+def acting_text(acting: ActingEffect) -> str:
+    """Return an effect with its values."""
+    units = {item.name: item.unit for item in acting.effect.parameters}
+    sentences = []
+    for name, value in acting.values.items():
+        factor, unit = shown_in(units.get(name, "1"), name)
+        sentences.append(f"{name} {factor * value:.3g}{spaced(unit)}")
+    return f"{acting.effect.name} ({', '.join(sentences)})"
+
+
+def _range(design: DesignResult, maneuver: DesignedManeuver, name: str) -> str:
+    low, high = maneuver.flight.extremes[name]
+    factor, unit = shown_in(unit_in(design.setting.model, name), name)
+    return f"{span_text(factor * low, factor * high)}{spaced(unit)}"
+
+
+def _ends(design: DesignResult, name: str, ends: tuple[float, float]) -> str:
+    factor, unit = shown_in(unit_in(design.setting.model, name), name)
+    return f"{factor * ends[0]:.3g} to {factor * ends[1]:.3g}{spaced(unit)}"
+
+
+def _value_cell(design: DesignResult, name: str, value: float) -> Cell:
+    factor, unit = shown_in(unit_in(design.setting.model, name), name)
+    return Number(factor * value, unit=unit, shown=_shown(design, name, value))
+
+
+def _shown(design: DesignResult, name: str, value: float) -> str:
+    factor, unit = shown_in(unit_in(design.setting.model, name), name)
+    return f"{factor * value:.3g}{spaced(unit)}"
+
+
+def _values(design: DesignResult, values: Mapping[str, float]) -> list[str]:
+    return [f"{name} {_shown(design, name, value)}" for name, value in values.items()]
+
+
+def si_units(design: DesignResult) -> Mapping[str, str]:
+    """Return the SI unit of each input and measured output."""
+    return {
+        name: unit_in(design.setting.model, name)
+        for name in (*design.setting.trim_inputs, *design.setting.noise)
+    }
+
+
+# ---- Tables
+
+# outputs whose extremes are in the table, if the model has them
+SHOWN = ("nz", "alpha", "q", "beta", "p", "r", "phi", "ny", "airspeed")
+
+
+def maneuvers_table(design: DesignResult) -> Table:
+    """Return the maneuvers of equal duration, the best first."""
+    setting, maneuvers, with_rivals = design.setting, design.maneuvers, bool(design.acting)
+    outputs = [name for name in SHOWN if name in setting.noise] or list(setting.noise)[:3]
+    columns: list[tuple[Column, list[Cell]]] = [
+        (Column("maneuver"), [each.kind for each in maneuvers]),
+        (Column("step or band", right=True), [each.pace_text for each in maneuvers]),
+    ]
+    for name in setting.trim_inputs:
+        peaks = [_value_cell(design, name, peaks_of(design, each)[name]) for each in maneuvers]
+        columns.append((Column(f"peak {name}", right=True), peaks))
+    shares = [_three_digits(100.0 * each.criterion) for each in maneuvers]
+    heading = "geometric mean of sigma/value"
+    columns.append((Column(heading, "%", printed=f"{heading} %"), shares))
+    if with_rivals:
+        likelihoods = [formatted(each.log_likelihood, ".1f") for each in maneuvers]
+        chances = [formatted(100.0 * each.chance, ".0f") for each in maneuvers]
+        columns.append((Column("log likelihood", PURE), likelihoods))
+        columns.append((Column("chance to decide", "%", printed="chance to decide %"), chances))
+    for name in outputs:
+        ranges = list[Cell](_range(design, each, name) for each in maneuvers)
+        columns.append((Column(f"{name} range", right=True), ranges))
+    columns.append(
+        (Column("limited by"), [each.flight.bound_by or "amplitude" for each in maneuvers])
+    )
+    return table(
+        "Equal duration, each as large as requested or as the limits allow, the best first",
+        *columns,
+    )
+
+
+def contest_table(design: DesignResult, caption: str) -> Table:
+    """Return the table of the effects of the best maneuver: each against its rival."""
+    contests = design.best.contests
+    decisions = [contest.decision for contest in contests]
+
+    def percent_column(heading: str) -> Column:
+        return Column(heading, "%", printed=f"{heading} %")
+
+    return table(
+        caption,
+        (Column("true effect"), [acting_text(contest.true) for contest in contests]),
+        (Column("rival"), [contest.rival.effect.name for contest in contests]),
+        (Column("gain over none", PURE), [formatted(contest.gain, ".1f") for contest in contests]),
+        (Column("log likelihood", PURE), [formatted(d.log_likelihood, ".1f") for d in decisions]),
+        # std is that of twice the log likelihood
+        (
+            Column("sigma of log likelihood", PURE),
+            [formatted(0.5 * d.std, ".1f") for d in decisions],
+        ),
+        (
+            percent_column("decided rightly"),
+            [formatted(100.0 * contest.chance, ".1f") for contest in contests],
+        ),
+        (percent_column("decided wrongly"), [formatted(100.0 * d.wrong, ".2g") for d in decisions]),
+    )
+
+
+def _three_digits(value: float) -> Cell:
+    """Return a number with three significant digits, trailing zeros kept."""
+    if not math.isfinite(value):
+        return formatted(value, "")
+    return Number(value, shown=number_text(value, 0.1 * abs(value)))
+
+
+def sigmas_table(design: DesignResult, caption: str) -> Table:
+    """Return the expected standard deviations by parameter and maneuver."""
+    parameters, names = design.setting.model.parameters, list(design.best.sigmas)
+
+    def sigma(name: str, std: float) -> Cell:
+        known = std < 1e3 * max(abs(parameters[name].value), 1e-3)
+        return Number(std, shown=number_text(std, std)) if known else UNDETERMINED
+
+    return table(
+        caption,
+        (Column("parameter"), names),
+        (Column("value", BY_ROW), [Number(parameters[name].value) for name in names]),
+        *(
+            (Column(each.kind, BY_ROW), [sigma(name, each.sigmas[name]) for name in names])
+            for each in design.maneuvers
+        ),
+        units=[parameters[name].unit for name in names],
+    )
+
+
+def responses_table(design: DesignResult, caption: str) -> Table:
+    """Return the table of expected responses over the band, for each maneuver."""
+    kinds = [(each.kind, each.responses) for each in design.maneuvers if each.responses is not None]
+    first = kinds[0][1]
+    places = [
+        (m, q, f"{output}/{name}")
+        for m, output in enumerate(first.outputs)
+        for q, name in enumerate(first.inputs)
+    ]
+    columns: list[tuple[Column, list[Cell]]] = []
+    for kind, result in kinds:
+        usable, least, errors = list[Cell](), list[Cell](), list[Cell]()
+        for m, q, _ in places:
+            usable.append(Number(100.0 * float(result.usable[m, q]), digits=0))
+            least.append(Number(float(result.coherence[m, q].min()), digits=2))
+            error = 100.0 * float(np.median(result.random_error[m, q]))
+            errors.append(Number(error, shown=f"{error:.2g}" if error < 100.0 else "above 100"))
+        columns += [
+            (Column(f"{kind}: usable", "%", printed=f"{kind}: usable %"), usable),
+            (Column("coherence, least", PURE), least),
+            (Column("random error, median", "%", printed="random error, median %"), errors),
+        ]
+    return table(caption, (Column("response"), [label for _, _, label in places]), *columns)
+
+
+def margins_table(design: DesignResult, caption: str) -> Table:
+    """Return the table of peaks of the best maneuver, their limits, and the margins."""
+    setting, best = design.setting, design.best
+    names = [name for name in best.flight.margins if name in setting.limits.outputs]
+    limits = [_ends(design, name, setting.limits.outputs[name]) for name in names]
+    margins = [100.0 * best.flight.margins[name] for name in names]
+    texts = [f"{each:.0f}" if each < 999.5 else "above 999" for each in margins]
+    return table(
+        caption,
+        (Column("output"), names),
+        (Column("reaches", right=True), [_range(design, best, name) for name in names]),
+        (Column("limits", right=True), limits),
+        (
+            Column("margin", "%", printed="margin %"),
+            [Number(each, shown=text) for each, text in zip(margins, texts, strict=True)],
+        ),
+    )
 
 
 # ---- A design in lines for the terminal
@@ -84,22 +293,17 @@ def design_text(design: DesignResult, width: int = WIDTH, details: str = BELOW) 
 
 
 def summary_of(design: DesignResult, details: str = BELOW) -> Summary:
-    """Summary: vehicle and limits; the best maneuver; its sigmas and peaks."""
+    """Return the summary: vehicle and limits; the best maneuver; its sigmas and peaks."""
     setting, best = design.setting, design.best
     seconds = setting.maneuver_limits.time[-1]
-    count = len(design.maneuvers)
-    kinds = "one kind" if count == 1 else f"{count} kinds"
+    kinds = "one kind" if len(design.maneuvers) == 1 else f"{len(design.maneuvers)} kinds"
+    peaks = ", ".join(f"{name} {_range(design, best, name)}" for name in best.flight.extremes)
     vehicle = vehicle_with_file(setting.vehicle.name, setting.vehicle.identity)
     study = (
         f"{vehicle}, {setting.model.name} model: {kinds} of maneuver flown by "
         f"{setting.flyer.name}, {seconds:g} s at {setting.rate:g} Hz"
     )
-    return Summary(
-        study,
-        verdict_of(design),
-        f"{_tells(design)}; peaks {extremes_text(design, best)}",
-        details=details,
-    )
+    return Summary(study, verdict_of(design), f"{_tells(design)}; peaks {peaks}", details=details)
 
 
 def verdict_of(design: DesignResult) -> str:
@@ -109,9 +313,8 @@ def verdict_of(design: DesignResult) -> str:
         return f"FLY: {maneuver_text(design, best)}"
     if best.chance < LEAST_DECIDING_PROBABILITY:
         return f"NONE DECIDES: within these limits no maneuver tells {names}"
-    return (
-        f"FLY: {maneuver_text(design, best)} tells {names} with a chance of {percent(best.chance)}"
-    )
+    chance = "more than 99 %" if best.chance > 0.995 else f"{100.0 * best.chance:.0f} %"
+    return f"FLY: {maneuver_text(design, best)} tells {names} with a chance of {chance}"
 
 
 def _title(design: DesignResult) -> str:
@@ -206,22 +409,7 @@ def maneuver_content(design: DesignResult, maneuver: DesignedManeuver) -> dict[s
         "sigmas": {name: std for name, std in maneuver.sigmas.items() if math.isfinite(std)},
     }
     if maneuver.responses is not None:
-        result = maneuver.responses
-        content["responses"] = {
-            "frequency_Hz": result.frequency.tolist(),
-            "mean_random_error": result.criterion,
-            "pairs": [
-                {
-                    "output": output,
-                    "input": name,
-                    "usable": float(result.usable[m, q]),
-                    "coherence": result.coherence[m, q].tolist(),
-                    "random_error": result.random_error[m, q].tolist(),
-                }
-                for m, output in enumerate(result.outputs)
-                for q, name in enumerate(result.inputs)
-            ],
-        }
+        content["responses"] = maneuver.responses.content
     if maneuver.contests:
         content |= {
             "chance": maneuver.chance,
@@ -268,16 +456,10 @@ def design_figures(design: DesignResult) -> Iterator[Named]:
     setting = design.setting
     courses = []
     for each in design.maneuvers:
-        motion, flown = each.flight.motion, each.flight.planned.record
-        outputs = zip(motion.system.output_names, motion.fit.linearisations[0].y, strict=True)
-        shown = {name: row + offset_of(setting.model, name) for name, row in outputs}
-        courses.append(
-            ManeuverCourse(
-                f"{each.kind}, {pulse_width_text(each)}",
-                {channel.name: channel.values for channel in flown.inputs},
-                shown,
-            )
-        )
+        inputs = {channel.name: channel.values for channel in each.flight.planned.record.inputs}
+        outputs = each.flight.outputs.items()
+        totals = {name: row + offset_of(setting.model, name) for name, row in outputs}
+        courses.append(ManeuverCourse(f"{each.kind}, {each.pace_text}", inputs, totals))
     limits = {
         name: (setting.trim_inputs[name] - size, setting.trim_inputs[name] + size)
         for name, size in setting.limits.amplitude.items()
@@ -311,7 +493,7 @@ def design_figures(design: DesignResult) -> Iterator[Named]:
 RULE = (
     "A maneuver decides where the loop would find the effect that acts and prefer it to the other "
     "by more than the three units of twice the log likelihood below which it calls two names "
-    "ambiguous"
+    "ambiguous."
 )
 
 
@@ -319,14 +501,8 @@ def design_page(design: DesignResult, figure_files: Sequence[Drawn] = ()) -> Pag
     """Return the page of a design with the figures ``figure_files``."""
     setting, with_rivals = design.setting, bool(design.acting)
     word, _, rest = verdict_of(design).partition(": ")
-    inputs = [
-        (use, file.name, file.sha256)
-        for use, file in (
-            ("vehicle", setting.vehicle.identity),
-            ("model", setting.vehicle.own_file),
-        )
-        if file
-    ]
+    files = {"vehicle": setting.vehicle.identity, "model": setting.vehicle.own_file}
+    inputs = [(use, file.name, file.sha256) for use, file in files.items() if file]
     return Page(
         title=f"{setting.vehicle.name}: maneuver design",
         kind=f"{setting.model.name} model, {setting.maneuver_limits.time[-1]:g} s at "
@@ -339,19 +515,11 @@ def design_page(design: DesignResult, figure_files: Sequence[Drawn] = ()) -> Pag
         sections=(
             *section("Figures", *figures(figure_files)),
             *section("Maneuvers", maneuvers_table(design)),
-            *(
-                section("Margins to the limits", margins_table(design, f"The {design.best.kind}"))
-                if setting.limits.outputs
-                else ()
-            ),
-            *(
-                section(
-                    "Which effects are told apart",
-                    contest_table(design, f"The {design.best.kind}"),
-                    Prose(f"{RULE}.", "note"),
-                )
-                if with_rivals
-                else ()
+            *section("Margins to the limits", margins_table(design, f"The {design.best.kind}")),
+            *section(
+                "Which effects are told apart",
+                contest_table(design, f"The {design.best.kind}") if with_rivals else None,
+                Prose(RULE, "note") if with_rivals else None,
             ),
             *section(
                 "Expected frequency responses",
@@ -411,9 +579,7 @@ def _expected(design: DesignResult) -> str:
     columns = {
         TIME: design.setting.maneuver_limits.time,
         **{channel.name: channel.values for channel in flight.planned.record.inputs},
+        **flight.outputs,
     }
-    columns |= dict(
-        zip(flight.motion.system.output_names, flight.motion.fit.linearisations[0].y, strict=True)
-    )
     rows = zip(*columns.values(), strict=True)
     return csv_text(columns, ([f"{value:.9g}" for value in row] for row in rows))

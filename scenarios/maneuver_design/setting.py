@@ -38,14 +38,7 @@ from scenarios.preparation.declared_model import (
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.errors import DeclarationError
-from sim.maneuvers import (
-    Maneuver,
-    Spacing,
-    Sweep,
-    doublet,
-    least_peak_multisine,
-    three_two_one_one,
-)
+from sim.maneuvers import Maneuver, Spacing, Sweep, doublet, least_peak_multisine, three_two_one_one
 from sim.maths import complex_step_jacobian
 from sim.record import Channel, Hold, Record
 
@@ -87,7 +80,7 @@ class DesignRequest:
     command_names: Mapping[str, str] = field(default_factory=dict)
 
     def command(self) -> str:
-        """Command line of the request."""
+        """Return the command line of the request."""
         words = ["flightid", "design", "--model", self.command_names.get("model", str(self.model))]
         vehicle = self.command_names.get(
             "vehicle", str(self.vehicle) if isinstance(self.vehicle, Path) else ""
@@ -555,7 +548,7 @@ def _noise(request: DesignRequest, model: Model) -> dict[str, float]:
 
 
 def numbers_of(texts: Sequence[str], units: Mapping[str, str], option: str) -> dict[str, float]:
-    """``NAME=VALUE,...`` in SI. Raises DeclarationError with the option and the word."""
+    """Return the values of ``NAME=VALUE,...`` in SI; raise DeclarationError for another form."""
     out: dict[str, float] = {}
     for word in (piece for text in texts for piece in text.split(",") if piece.strip()):
         name, equals, value = (part.strip() for part in word.partition("="))

@@ -1,11 +1,13 @@
-"""Data of figures: axis labels and units, histories of filters, candidates of a diagnosis."""
+"""Data of figures: axis labels and units, histories of filters, candidates of a diagnosis, spectra
+of residuals, values and signals of studies.
+"""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -339,3 +341,170 @@ class Pictured:
     kind: str
     replicated: tuple[Replicated, ...] = ()
     data: str = MEASURED_DATA
+
+
+# ---- Spectra and coherence of residuals
+
+COHERENCE_SEGMENTS = 15  # segments of a record for a coherence; they overlap by half
+EXCEEDED_SHARE = 0.05  # probability that the coherence of noise exceeds the drawn level
+INPUT_REGULARIZATION = 1e-9  # share of the inputs' power, for inputs that depend on each other
+SMALLEST_POWER = 1e-300  # keeps the matrix of inputs without power regular
+FEWEST_SMOOTHED_SAMPLES = 100  # spectra of shorter series are not smoothed
+SMOOTHED_FREQUENCIES = 5  # neighbouring frequencies in a mean
+
+
+def input_coherence(
+    residual: np.ndarray, inputs: np.ndarray, interval: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return frequencies, Hz, and the multiple coherence of a residual with the inputs at each.
+
+    The coherence is the share of the residual's power that follows the inputs linearly (Bendat and
+    Piersol, *Random Data*, 4th edition, 2010, chapter 7).
+
+    Parameters
+    ----------
+    residual : samples ``(N,)``.
+    inputs : samples ``(q, N)``.
+    interval : sampling interval, s.
+    """
+    length = 2 * residual.size // (COHERENCE_SEGMENTS + 1)
+    starts = range(0, residual.size - length + 1, max(length // 2, 1))
+    # SciPy's signal package is not used: it takes longer to load than this to compute.
+    segments = np.array(
+        [[row[start : start + length] for start in starts] for row in (*inputs, residual)]
+    )
+    segments = segments - segments.mean(axis=2, keepdims=True)
+    transforms = np.fft.rfft(segments * np.hanning(length), axis=2)
+    matrix = np.einsum("asf,bsf->fab", transforms.conj(), transforms) / len(starts)
+    # Cross spectra of the inputs, of inputs and residual, and the spectrum of the residual.
+    of_inputs, cross, power = matrix[:, :-1, :-1], matrix[:, :-1, -1], matrix[:, -1, -1].real
+    unit = np.eye(len(inputs))
+    trace = np.trace(of_inputs, axis1=1, axis2=2).real[:, None, None]
+    of_inputs = of_inputs + INPUT_REGULARIZATION * trace * unit
+    solved = np.linalg.solve(of_inputs + SMALLEST_POWER * unit, cross[..., None])[..., 0]
+    share = np.sum(cross.conj() * solved, axis=1).real / np.where(power > 0.0, power, np.inf)
+    hertz = np.fft.rfftfreq(length, interval)
+    return hertz[1:], np.clip(share, 0.0, 1.0)[1:]
+
+
+def coherence_level(inputs: int) -> float:
+    """Return the multiple coherence that noise alone exceeds with ``EXCEEDED_SHARE``.
+
+    ``inputs`` is the number of inputs. There are ``COHERENCE_SEGMENTS`` segments.
+    """
+    from scipy.special import betaincinv
+
+    return float(betaincinv(inputs, COHERENCE_SEGMENTS - inputs, 1.0 - EXCEEDED_SHARE))
+
+
+def spectrum(residual: np.ndarray, interval: float, used: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return frequencies, Hz, and the power of a series at each; that of white noise is its
+    variance.
+
+    Parameters
+    ----------
+    residual : samples ``(N,)``, zero where they are missing.
+    interval : sampling interval, s.
+    used : number of samples that are not missing.
+    """
+    count = len(residual)
+    window = np.hanning(count)
+    scale = float(np.sum(window**2)) * max(used, 1) / count
+    power = np.abs(np.fft.rfft(residual * window)) ** 2 / scale
+    hertz = np.fft.rfftfreq(count, interval)
+    width = 1 if count < FEWEST_SMOOTHED_SAMPLES else SMOOTHED_FREQUENCIES
+    smooth = np.convolve(power[1:], np.ones(width) / width, mode="valid")
+    return hertz[1 + width // 2 : 1 + width // 2 + len(smooth)], smooth
+
+
+# ---- Data of the figures that compare studies
+
+
+@dataclass(frozen=True)
+class StudyValue:
+    """Estimate of one parameter in one study, all numbers in ``unit``.
+
+    Attributes
+    ----------
+    estimate, std : estimate and its standard deviation; 0 if unknown.
+    true : true value, or None.
+    condensed : value with the elastic modes statically condensed, which a model without these modes
+        should find, or None.
+    published : published value and its standard deviation, 0 if unknown; or None.
+    """
+
+    estimate: float
+    std: float
+    unit: str
+    true: float | None = None
+    condensed: float | None = None
+    published: tuple[float, float] | None = None
+
+    @property
+    def reference(self) -> float | None:
+        """Reference value of the error: the condensed value if there is one, else the true one."""
+        return self.true if self.condensed is None else self.condensed
+
+    @property
+    def percent(self) -> float | None:
+        """Error in per cent of the reference; None without a reference or if it is zero."""
+        return (
+            None
+            if not self.reference
+            else 100.0 * (self.estimate - self.reference) / abs(self.reference)
+        )
+
+    @property
+    def sigmas(self) -> float | None:
+        """Error in standard deviations of the estimate; None without reference or deviation."""
+        return (
+            None
+            if self.reference is None or not self.std > 0.0
+            else (self.estimate - self.reference) / self.std
+        )
+
+    def in_unit(self, factor: float, unit: str) -> StudyValue:
+        """Return all numbers times ``factor``, in another ``unit``."""
+        true, condensed = (
+            None if value is None else factor * value for value in (self.true, self.condensed)
+        )
+        published = (
+            (factor * self.published[0], factor * self.published[1])
+            if self.published is not None
+            else None
+        )
+        return StudyValue(
+            factor * self.estimate, factor * self.std, unit, true, condensed, published
+        )
+
+    @property
+    def published_value(self) -> StudyValue | None:
+        """Published value and its standard deviation in place of the estimate, or None."""
+        return (
+            None
+            if self.published is None
+            else replace(self, estimate=self.published[0], std=self.published[1], published=None)
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class StudyResponses:
+    """Signals of one study by name, ``(N,)`` each, SI; NaN if missing.
+
+    Attributes
+    ----------
+    time : shape ``(N,)``, s.
+    inputs, measured : inputs and measured outputs.
+    predicted : outputs predicted by the estimate.
+    true : outputs without noise; empty if unknown.
+    units : unit of each channel.
+    simulated : whether the record is simulated.
+    """
+
+    time: np.ndarray
+    inputs: Mapping[str, np.ndarray]
+    measured: Mapping[str, np.ndarray]
+    predicted: Mapping[str, np.ndarray]
+    true: Mapping[str, np.ndarray]
+    units: Mapping[str, str]
+    simulated: bool = False

@@ -480,7 +480,6 @@ def _decimal(value: float) -> str:
 
 
 def _declarations(style: str) -> dict[str, str]:
-    """Return the values of a CSS text by their names."""
     pairs = (part.partition(":") for part in style.split(";") if part.strip())
     return {name.strip(): value.strip() for name, _, value in pairs}
 
@@ -591,7 +590,6 @@ def description(figure: Figure) -> str:
 
 
 def _without_math(text: str) -> str:
-    """Return a label without the marks of mathtext."""
     return " ".join(
         text.replace("\\mathrm", "")
         .replace("\\dot", "")

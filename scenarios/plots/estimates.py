@@ -197,7 +197,6 @@ def figure_poles(poles: np.ndarray, draws: np.ndarray, title: str = "") -> Figur
 
 
 def _parameter_sheet(count: int) -> Sheet:
-    """Return a sheet with a panel for each of ``count`` parameters."""
     columns = 2 if count <= 4 else 3
     rows = -(-count // columns)
     return make_sheet(
@@ -225,7 +224,6 @@ def _panel(
     true: float | None,
     true_label: str,
 ) -> None:
-    """Draw a parameter over time, with its true, published and prior value."""
     draw_estimate(panel, path.time, path.mean, path.std)
     low, high = path.mean - 2.0 * path.std, path.mean + 2.0 * path.std
     shown_values = [] if true is None else [unit.factor * true]
@@ -265,14 +263,7 @@ def _mark(
     bottom, top = panel.get_ylim()
     inside = bottom <= value <= top
     panel.errorbar(
-        [x],
-        [value],
-        yerr=bar,
-        fmt=marker,
-        color=colour,
-        markersize=4.0,
-        linewidth=1.2,
-        label=label,
+        [x], [value], yerr=bar, fmt=marker, color=colour, markersize=4.0, linewidth=1.2, label=label
     )
     if not inside:
         edge, arrow = (top, "^") if value > top else (bottom, "v")

@@ -1,12 +1,15 @@
 """Figures of frequency responses: fitted models, mismatch, bandwidth, stability margins, charts of
 flying qualities with levels, and step responses.
+
+``estimate`` is a `ResponseEstimates` of `scenarios.responses.analysis`, and ``points`` are of the
+class `MarginPoint` of `scenarios.watching.loop_margins`. This package must not import these.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -46,38 +49,7 @@ _SMALLEST_SIZE = 1e-300  # keeps a logarithm finite
 _BAND: dict[str, Any] = {"color": SKY, "alpha": 0.45, "linewidth": 0.0}  # of 95 %
 
 
-class SignalNames(Protocol):
-    """Names of signals."""
-
-    @property
-    def inputs(self) -> Sequence[str]: ...
-    @property
-    def outputs(self) -> Sequence[str]: ...
-
-
-class EstimatedResponses(Protocol):
-    """Frequency responses of records, with fits and flying qualities if they were asked for."""
-
-    @property
-    def names(self) -> SignalNames: ...
-    @property
-    def responses(self) -> Any: ...
-    @property
-    def direct(self) -> Any: ...
-    @property
-    def simulated(self) -> bool: ...
-    @property
-    def fits(self) -> Any: ...
-    @property
-    def qualities(self) -> Any: ...
-    @property
-    def loop(self) -> Any: ...
-    @property
-    def model(self) -> Any: ...
-    def unit(self, output: str, input_name: str) -> str: ...
-
-
-def figure_response(estimate: EstimatedResponses, row: int = 0, column: int = 0) -> Figure:
+def figure_response(estimate: Any, row: int = 0, column: int = 0) -> Figure:
     """Plot magnitude (dB), phase (deg) with 95 % bands, and coherence of one response.
 
     Frequencies outside the usable band are grey.
@@ -141,7 +113,7 @@ def figure_response(estimate: EstimatedResponses, row: int = 0, column: int = 0)
     return finish(sheet, f"{output} / {input_name}\n{data}; grey: outside the usable band")
 
 
-def figure_mismatch(estimate: EstimatedResponses, row: int = 0, column: int = 0) -> Figure:
+def figure_mismatch(estimate: Any, row: int = 0, column: int = 0) -> Figure:
     """Plot the ratio of estimated to fitted response (dB, deg) with 95 % bands, and the envelopes
     of maximum unnoticeable added dynamics. Raise DeclarationError without a fit.
     """
@@ -180,7 +152,7 @@ def figure_mismatch(estimate: EstimatedResponses, row: int = 0, column: int = 0)
     )
 
 
-def figure_bandwidth(estimate: EstimatedResponses, number: int = 0) -> Figure:
+def figure_bandwidth(estimate: Any, number: int = 0) -> Figure:
     """Plot an attitude response with its bandwidths and phase delay.
 
     ``number`` counts the responses with a bandwidth. Raise DeclarationError without a bandwidth.
@@ -232,16 +204,7 @@ def figure_bandwidth(estimate: EstimatedResponses, number: int = 0) -> Figure:
     return finish(sheet, f"{qualities.name}: bandwidth\n{data}; spans: 95 %")
 
 
-class EstimatedLoop(Protocol):
-    """A loop with its margins, and whether its record is simulated."""
-
-    @property
-    def loop(self) -> Any: ...
-    @property
-    def simulated(self) -> bool: ...
-
-
-def figure_margins(estimate: EstimatedLoop) -> Figure:
+def figure_margins(estimate: Any) -> Figure:
     """Plot the broken-loop response with its margins: gain, phase about -180 deg, distance from -1.
 
     Raise DeclarationError without margins.
@@ -320,15 +283,6 @@ def _limits(panel: Any, values: np.ndarray, least: float = 3.0) -> None:
 # ---- Stability margins of a stream over time
 
 
-class TimedMargins(Protocol):
-    """Margins of a loop, estimated from a stream up to a time, s."""
-
-    @property
-    def time(self) -> float: ...
-    @property
-    def margins(self) -> Any: ...
-
-
 _MARGINS = (  # margin, label, requirement of MIL-F-9490D
     ("gain_increase", "gain increase (dB)", REQUIRED_GAIN),
     ("gain_decrease", "gain decrease (dB)", -REQUIRED_GAIN),
@@ -337,7 +291,7 @@ _MARGINS = (  # margin, label, requirement of MIL-F-9490D
 )
 
 
-def figure_margin_history(points: Sequence[TimedMargins], name: str = "") -> Figure:
+def figure_margin_history(points: Sequence[Any], name: str = "") -> Figure:
     """Plot the margins of a loop over the time of a stream, with 95 % intervals.
 
     Dashed lines are the requirements of MIL-F-9490D. A margin that is never known has no panel.
@@ -418,7 +372,6 @@ def charts_of(qualities: Any) -> list[Callable[[Any, Any], None]]:
 
 
 def _draw_anticipation(panel: Any, qualities: Any) -> None:
-    """Draw damping ratio and control anticipation parameter with the limits of MIL-STD-1797A."""
     names = ("damping_ratio", "control_anticipation")
     damping, cap = (qualities.numbers[name][0] for name in names)
     largest_damping, largest_cap = 5.0, 20.0
@@ -446,7 +399,6 @@ def _draw_anticipation(panel: Any, qualities: Any) -> None:
 
 
 def _draw_bandwidth(panel: Any, qualities: Any) -> None:
-    """Draw bandwidth and phase delay with the limits of MIL-STD-1797A."""
     band, delay = (qualities.numbers[name][0] for name in ("bandwidth", "phase_delay"))
     largest_band, largest_delay = max(12.0, 1.25 * band.value), max(0.2, 1.4 * delay.value)
     for level, points in enumerate(() if qualities.of_pitch is False else PITCH_LEVELS):
@@ -470,7 +422,6 @@ def _limits_of_pitch(qualities: Any, words: str) -> str:
 
 
 def _draw_pilot(panel: Any, qualities: Any) -> None:
-    """Draw compensation and resonance of the Neal-Smith criterion with the limits of its levels."""
     result = qualities.pilot
     phase, resonance = result.compensation, result.resonance
     width = max(60.0, 1.3 * abs(phase.value))
@@ -487,7 +438,6 @@ def _draw_pilot(panel: Any, qualities: Any) -> None:
 
 
 def _draw_dropback(panel: Any, qualities: Any) -> None:
-    """Draw dropback and overshoot of the pitch rate."""
     names = ("dropback", "pitch_rate_overshoot")
     dropback, overshoot = (qualities.numbers[name][0] for name in names)
     panel.axvline(0.0, color=GREY, linewidth=0.9, linestyle=":")

@@ -189,11 +189,7 @@ def envelope(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
     first = edges[:-1]
     low, high = np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)
     before = values[np.maximum(first - 1, 0)]
-    return (
-        time[(first + edges[1:] - 1) // 2],
-        np.minimum(low, before),
-        np.maximum(high, before),
-    )
+    return (time[(first + edges[1:] - 1) // 2], np.minimum(low, before), np.maximum(high, before))
 
 
 # ---- Designed maneuvers in comparison: inputs and responses over time, with limits
@@ -271,22 +267,6 @@ def figure_maneuvers(
     return finish(sheet, title, head=0.3)
 
 
-class Expected(Protocol):
-    """Frequency responses that are expected from one flight.
-
-    ``frequency`` in Hz, ``(F,)``; ``coherence``, ``(outputs, inputs, F)``.
-    """
-
-    @property
-    def frequency(self) -> np.ndarray: ...
-    @property
-    def inputs(self) -> Sequence[str]: ...
-    @property
-    def outputs(self) -> Sequence[str]: ...
-    @property
-    def coherence(self) -> np.ndarray: ...
-
-
 def figure_coherence(kinds: Sequence[tuple[str, Any]], title: str = "") -> Figure:
     """Plot expected coherence over frequency, a line for each maneuver.
 
@@ -294,9 +274,10 @@ def figure_coherence(kinds: Sequence[tuple[str, Any]], title: str = "") -> Figur
 
     Parameters
     ----------
-    kinds : name of each maneuver and its ``Expected`` responses.
+    kinds : name of each maneuver and its responses: ``frequency`` in Hz, ``(F,)``, names of
+        ``inputs`` and ``outputs``, and ``coherence``, ``(outputs, inputs, F)``.
     """
-    first: Expected = kinds[0][1]
+    first = kinds[0][1]
     sheet = make_sheet(
         [1.0] * len(first.outputs), (1.0,) * len(first.inputs), column_gap=0.25, row_gap=0.12
     )

@@ -30,6 +30,7 @@ from scenarios.plots.display import (
 )
 from scenarios.plots.style import (
     BLUE,
+    DOTS,
     GREEN,
     MEASURED,
     SKY,
@@ -181,15 +182,7 @@ def figure_fit(
             values = unit.factor * response.outputs[channel.name]
             upper.plot(record.time, values, label=escaped_dollars(response.label), **line_style)
             residual = np.where(channel.valid, unit.factor * channel.values - values, np.nan)
-            lower.plot(
-                record.time,
-                residual,
-                linestyle="none",
-                marker=".",
-                markersize=2.5,
-                markeredgewidth=0.0,
-                color=line_style["color"],
-            )
+            lower.plot(record.time, residual, color=line_style["color"], **DOTS)
         _limit_to_measured(upper, lower, unit.factor * channel.values[channel.valid])
         y_label(upper, axis_label(channel.name, unit))
         y_label(lower, f"residual ({unit.text})", TICK_SIZE)
@@ -199,14 +192,10 @@ def figure_fit(
 
 def context(record: Record, shown: Sequence[str]) -> list[Channel]:
     """Return the channels to draw above the outputs ``shown``: inputs and all other outputs."""
-    return [
-        *record.inputs,
-        *(channel for channel in record.outputs if channel.name not in shown),
-    ]
+    return [*record.inputs, *(channel for channel in record.outputs if channel.name not in shown)]
 
 
 def _draw_channels(panels: Sequence[Axes], record: Record, channels: Sequence[Channel]) -> None:
-    """Draw each channel in a panel of its own; held inputs as steps."""
     is_held = record.hold is Hold.PREVIOUS
     for panel, channel in zip(panels, channels, strict=False):
         unit = display_unit(channel.unit)
@@ -282,9 +271,7 @@ def figure_trajectory(
 
 
 def figure_ballistic_coefficient(
-    histories: Mapping[str, FilterHistory],
-    true: float | np.ndarray | None = None,
-    title: str = "",
+    histories: Mapping[str, FilterHistory], true: float | np.ndarray | None = None, title: str = ""
 ) -> Figure:
     """Plot the ballistic coefficient over time by each method, and its error if the truth is known.
 
@@ -411,7 +398,6 @@ def _settled_limit(error: np.ndarray, std: np.ndarray, after: float = 0.5) -> fl
 
 
 def _range(arrays: list[np.ndarray]) -> tuple[float, float]:
-    """Return the range of all arrays with a margin."""
     filled = [array for array in arrays if array.size]
     if not filled:
         return 0.0, 1.0
@@ -459,15 +445,7 @@ def figure_reconstruction(
             line_style = method_style(order)
             upper.plot(reconstruction.time, unit.factor * values, label=label, **line_style)
             residual = np.where(used, measured - unit.factor * values, np.nan)
-            lower.plot(
-                reconstruction.time,
-                residual,
-                linestyle="none",
-                marker=".",
-                markersize=2.5,
-                color=line_style["color"],
-                markeredgewidth=0.0,
-            )
+            lower.plot(reconstruction.time, residual, color=line_style["color"], **DOTS)
         y_label(upper, axis_label(name, unit))
         y_label(lower, f"residual ({unit.text})", TICK_SIZE)
     time_axis(sheet.panels[-1])

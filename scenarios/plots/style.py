@@ -57,6 +57,13 @@ MEASURED: dict[str, Any] = {
     "markeredgewidth": 0.0,
     "linestyle": "none",
 }
+# Dots of a residual.
+DOTS: dict[str, Any] = {
+    "marker": ".",
+    "markersize": 2.5,
+    "markeredgewidth": 0.0,
+    "linestyle": "none",
+}
 TRUE: dict[str, Any] = {"color": BLACK, "linestyle": (0, (4, 2)), "linewidth": 0.9}
 ZERO: dict[str, Any] = {"color": BLACK, "linewidth": 0.6}
 

@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: derivatives, evidence for the candidates, parameters from each record."""
+"""Figures of a diagnosis: evidence, parameters, derivatives, residuals, held-out records."""
 
 from __future__ import annotations
 
@@ -11,19 +11,27 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ident.tracing.diagnosis import Candidate, Quantity
+from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
 from scenarios.plots.display import (
+    COHERENCE_SEGMENTS,
+    MEASURED_DATA,
     NamedEffects,
     Replicated,
+    axis_label,
+    coherence_level,
     display_unit,
     escaped_dollars,
+    input_coherence,
     is_alternative,
     reason,
+    spectrum,
     symbol,
 )
+from scenarios.plots.signals import MethodOutputs, context, figure_fit
 from scenarios.plots.style import (
     BLACK,
     BLUE,
+    DOTS,
     GREY,
     LABEL_SIZE,
     LIGHT,
@@ -35,10 +43,13 @@ from scenarios.plots.style import (
     ZERO,
     Sheet,
     caption,
+    decades,
     finish,
     folded,
     make_sheet,
+    method_style,
     text_width,
+    time_axis,
     y_label,
 )
 from scenarios.report.quantities import displayed, listed, value_text
@@ -247,7 +258,6 @@ def _places(drawn: _Round) -> list[float]:
 
 
 def _colour_and_label(candidate: Candidate, standing: NamedEffects) -> tuple[str, str]:
-    """Return colour and legend label of a candidate's bar."""
     colour, role = GREY, "other"
     if candidate.name in standing.claimed:
         colour, role = BLUE, "claimed"
@@ -333,7 +343,6 @@ def _text_style(inches: float, side: str = "right") -> dict[str, Any]:
 
 
 def _finish_axes(sheet: Sheet, rounds: Sequence[_Round]) -> None:
-    """Set limits, ticks and the label of the abscissa."""
     for panel, drawn in zip(sheet.panels, rounds, strict=True):
         panel.tick_params(axis="y", length=0)
         panel.grid(False, axis="y")
@@ -420,3 +429,171 @@ def _in_display_units(quantities: Sequence[Quantity], name: str) -> tuple[np.nda
     sizes = np.abs(values)
     limited = np.minimum(stds, LARGEST_SIGMA_SHARE * np.maximum(sizes, SMALLEST_VALUE))
     return values, np.where(np.isfinite(stds) & (stds >= 0.0), limited, sizes)
+
+
+# ---- Residuals over time and frequency, and held-out records
+
+FEWEST_SEGMENT_SAMPLES = 16  # samples of a record for each segment, else no coherence is drawn
+VISIBLE_CHANGE = 5e-3  # share of the largest residual that a figure can show
+_BAND = "±2σ of the sensor noise"
+_RING: Mapping[str, Any] = {
+    "color": VERMILION,
+    "marker": "o",
+    "markersize": 5.5,
+    "markerfacecolor": "none",
+    "markeredgewidth": 0.9,
+    "linestyle": "none",
+}
+
+
+def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: str = "") -> Figure:
+    """Plot the residuals of a fitted record over time.
+
+    Residuals of the declared model are at the left, those with the effects at the right, with the
+    same scale. If no effect was added, there is a single column. Samples that were set aside have a
+    ring. Angles are in degrees. ``noise``: noise level by channel.
+    """
+    shown = _measured(fitted)
+    count = len(shown)
+    sides = [("before", fitted.before), ("after", fitted.after)]
+    if _same(fitted, [row for row, _ in shown]):
+        sides = [("residual", fitted.after)]
+    sheet = make_sheet([1.25] * count, (1.0,) * len(sides), row_gap=0.3, column_gap=0.42)
+    for panels, (row, name) in zip(sheet.axes, shown, strict=True):
+        channel = fitted.record[name]
+        unit, valid = display_unit(channel.unit), channel.valid
+        set_aside = valid & ~fitted.used[row]
+        limit = 0.0
+        for panel, (model, residuals) in zip(panels, sides, strict=True):
+            values = unit.factor * residuals[row]
+            _few_ticks(panel)
+            _band(panel, unit.factor * noise.get(name, 0.0))
+            time = fitted.record.time
+            panel.plot(time[valid], values[valid], color=BLUE, label="residual", **DOTS)
+            if np.any(set_aside):
+                panel.plot(time[set_aside], values[set_aside], label="set aside", **_RING)
+            limit = max(limit, float(np.abs(values[valid]).max(initial=0.0)))
+            used = valid & fitted.used[row]
+            rms = float(np.sqrt(np.mean(values[used] ** 2))) if np.any(used) else 0.0
+            caption(panel, f"{model}: rms {rms:#.3g} {unit.text}")
+        for panel in panels:
+            panel.set_ylim(-1.08 * limit or -1.0, 1.08 * limit or 1.0)
+        for panel in panels[1:]:
+            panel.tick_params(labelleft=False)
+        y_label(panels[0], axis_label(name, unit))
+    for panel in sheet.axes[-1]:
+        time_axis(panel)
+    return finish(sheet, title, head=0.24)
+
+
+def figure_held_out(
+    prediction: Prediction, noise: Mapping[str, float], title: str = "", data: str = MEASURED_DATA
+) -> Figure:
+    """Plot a predicted record.
+
+    The upper panels have its inputs and outputs without a prediction, such as the airspeed. Below
+    are the samples with the predictions with and without the effects, and the residual of each. If
+    no effect was added, there is a single prediction. Angles are in degrees.
+
+    Parameters
+    ----------
+    noise : noise level by channel.
+    data : legend label of the samples.
+    """
+    predictions = [("predicted after", prediction.after), ("predicted before", prediction.before)]
+    if np.array_equal(prediction.after, prediction.before):
+        predictions = [("predicted", prediction.before)]
+    responses = [
+        MethodOutputs(label, dict(zip(prediction.channels, values, strict=True)))
+        for label, values in predictions
+    ]
+    record = prediction.record
+    upper_channels = context(record, prediction.channels)
+    figure = figure_fit(record, responses, None, title, noise, data, above=upper_channels)
+    for panel in figure.axes:
+        _few_ticks(panel)
+    return figure
+
+
+def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str = "") -> Figure:
+    """Plot power spectra of the residuals, before and after, over that of the noise.
+
+    White noise of the right level is at one. If no effect was added, there is a single spectrum.
+    Spectra are periodograms under a Hann window, averaged over neighbouring frequencies. Below each
+    is the coherence with the inputs, with the level that noise alone exceeds once in twenty.
+    Samples that are missing or set aside count as zero. Uneven sampling counts as even at its mean
+    interval.
+    """
+    shown = _measured(fitted)
+    moving = [channel for channel in fitted.record.inputs if np.ptp(channel.values) > 0.0]
+    inputs = np.array([channel.values for channel in moving])
+    fewest_samples = FEWEST_SEGMENT_SAMPLES * COHERENCE_SEGMENTS
+    with_coherence = len(inputs) > 0 and len(fitted.record) >= fewest_samples
+    heights = [1.25, 0.7] if with_coherence else [1.25]
+    sheet = make_sheet(heights * len(shown), row_gap=0.3)
+    same = _same(fitted, [row for row, _ in shown])
+    interval = float(fitted.record.time[-1] - fitted.record.time[0]) / (len(fitted.record) - 1)
+    spectrum_panels = sheet.panels[:: len(heights)]
+    for number, (panel, (row, name)) in enumerate(zip(spectrum_panels, shown, strict=True)):
+        used = fitted.used[row] & fitted.record[name].valid
+        panel.axhline(1.0, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)), label="white noise")
+        both = ((fitted.before[row], "before", 1), (fitted.after[row], "after", 0))
+        single = ((fitted.after[row], "residual", 0),)
+        lines = single if same else both
+        for residual, label, order in lines:
+            hertz, power = spectrum(
+                np.where(used, residual, 0.0), interval, int(np.count_nonzero(used))
+            )
+            panel.plot(
+                hertz,
+                power / (noise.get(name) or 1.0) ** 2,
+                label=label,
+                **method_style(order, alone=len(lines) == 1),
+            )
+            if with_coherence:
+                below = sheet.panels[2 * number + 1]
+                hertz, coherence = input_coherence(np.where(used, residual, 0.0), inputs, interval)
+                below.plot(hertz, coherence, **method_style(order, alone=len(lines) == 1))
+        if with_coherence:
+            level = coherence_level(len(inputs))
+            below.axhline(level, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)))
+            below.set_ylim(0.0, 1.05)
+            y_label(below, "coherence (–)", TICK_SIZE)
+        panel.set_yscale("log")
+        panel.set_xscale("log")
+        bottom, top = panel.get_ylim()
+        panel.set_ylim(max(bottom, 1e-2), min(max(top, 10.0), 1e6))
+        decades(panel.xaxis, (1.0, 2.0, 5.0))
+        decades(panel.yaxis)
+        y_label(panel, f"{symbol(name)}: power / noise (–)")
+    sheet.panels[-1].set_xlabel("frequency (Hz)", fontsize=LABEL_SIZE)
+    return finish(sheet, title, head=0.12)
+
+
+def _same(fitted: FittedRecord, rows: Sequence[int]) -> bool:
+    """Return whether before and after differ by less than a figure can show."""
+    change = np.abs(fitted.before - fitted.after)[rows].max(axis=1, initial=0.0)
+    size = np.abs(fitted.after)[rows].max(axis=1, initial=0.0)
+    return bool(np.all(change <= VISIBLE_CHANGE * size))
+
+
+def _measured(fitted: FittedRecord) -> list[tuple[int, str]]:
+    """Return row and name of the fitted channels that the record measures."""
+    return [
+        (row, name)
+        for row, name in enumerate(fitted.channels)
+        if name in fitted.record.output_names
+    ]
+
+
+def _band(panel: Axes, sigma: float) -> None:
+    """Draw the zero line, and the band of two sigmas of the noise if it is known."""
+    if sigma > 0.0:
+        panel.axhspan(-2.0 * sigma, 2.0 * sigma, color=SKY, alpha=0.25, linewidth=0, label=_BAND)
+    panel.axhline(0.0, **ZERO)
+
+
+def _few_ticks(panel: Axes) -> None:
+    """Use few ticks; they take most of the time of drawing."""
+    for axis, bins in ((panel.xaxis, 5), (panel.yaxis, 3)):
+        axis.set_major_locator(MaxNLocator(nbins=bins, steps=[1, 2, 2.5, 5, 10]))

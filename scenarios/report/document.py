@@ -374,10 +374,7 @@ def table(
     present = [item for item in columns if item is not None]
     rows = tuple(zip(*(cells for _, cells in present), strict=True))
     return Table(
-        caption,
-        tuple(column for column, _ in present),
-        rows,
-        tuple(unit or PURE for unit in units),
+        caption, tuple(column for column, _ in present), rows, tuple(unit or PURE for unit in units)
     )
 
 

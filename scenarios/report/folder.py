@@ -133,7 +133,6 @@ def _heading(column: TableColumn) -> str:
 
 
 def _rows(columns: Sequence[TableColumn]) -> list[tuple[str, ...]]:
-    """Return the cells of each row."""
     return list(zip(*(column.cells for column in columns), strict=True))
 
 

@@ -239,11 +239,7 @@ def _ordinates(y: np.ndarray) -> dict[str, Any]:
     codes = np.where(sound, np.round(np.clip(scaled, 0.0, 1.0) * CURVE_LEVELS), GAP_CODE).astype(
         "<u2"
     )
-    return {
-        "low": low,
-        "high": high,
-        "codes": base64.b64encode(codes.tobytes()).decode("ascii"),
-    }
+    return {"low": low, "high": high, "codes": base64.b64encode(codes.tobytes()).decode("ascii")}
 
 
 def _ordinates_of(content: Any) -> np.ndarray:

@@ -146,14 +146,11 @@ class TableColumn:
 
 
 def columns_of(
-    headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, words: Sequence[str] = ()
+    headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1
 ) -> list[TableColumn]:
-    """Return the columns of a table given by rows.
-
-    The first ``left`` columns and those with a heading in ``words`` are left-aligned.
-    """
+    """Return the columns of a table given by rows; the first ``left`` are left-aligned."""
     return [
-        TableColumn(heading, [row[i] for row in rows], left=i < left or heading in words)
+        TableColumn(heading, [row[i] for row in rows], left=i < left)
         for i, heading in enumerate(headings)
     ]
 
@@ -252,7 +249,6 @@ def _widths(columns: Sequence[TableColumn], width: int) -> list[int]:
 
 
 def _total_width(widths: Sequence[int]) -> int:
-    """Return the width of a table with columns of these widths."""
     return len(INDENT) + sum(widths) + len(GAP) * (len(widths) - 1)
 
 
@@ -411,7 +407,6 @@ def changes(before: Sequence[ModeLevel], after: Sequence[ModeLevel]) -> list[str
 
 
 def _level_name(number: int) -> str:
-    """Return a level in words."""
     return "below level 3" if number == WORST_LEVEL else f"level {number}"
 
 
@@ -424,7 +419,6 @@ def _percent(probability: float) -> str:
 
 
 def _content(level: ModeLevel) -> dict[str, Any]:
-    """Return the level of a mode as JSON."""
     content: dict[str, Any] = {
         "level": level.level,
         "probability": level.probability,

@@ -40,13 +40,7 @@ from scenarios.report.document import (
     table,
 )
 from scenarios.report.quantities import displayed, shown_in, spaced, unit_cell
-from scenarios.report.summary import (
-    WIDTH,
-    TableColumn,
-    print_paragraph,
-    print_table,
-    table_lines,
-)
+from scenarios.report.summary import WIDTH, TableColumn, print_paragraph, print_table, table_lines
 
 SIGMA, UNIT = "+- sigma", "unit"  # headings
 

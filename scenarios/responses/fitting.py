@@ -494,7 +494,6 @@ def model_fit_of(
 
 
 def _discretised(A: np.ndarray, B: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the matrices of the system over one step (s) with held inputs."""
     n, r = B.shape
     block = np.zeros((n + r, n + r))
     block[:n, :n], block[:n, n:] = A, B

@@ -246,10 +246,7 @@ def loop_tables(loop: LoopMargins) -> list[Table]:
     worst = table(
         "The worst maneuver, intervals for all together",
         (Column("worst of"), [WORDS[item.name] for item in loop.worst]),
-        (
-            Column("value", BY_ROW),
-            [size for size, _ in worst_sizes],
-        ),
+        (Column("value", BY_ROW), [size for size, _ in worst_sizes]),
         (Column("+-", BY_ROW, beside=True), [half for _, half in worst_sizes]),
         (Column("maneuver"), [loop.parts[item.maneuver] for item in loop.worst]),
         (Column("maneuvers", PURE), [Number(count, digits=0) for count in counts]),

@@ -123,7 +123,6 @@ def responses_summary(estimates: ResponseEstimates, details: str = BELOW) -> Sum
 
 
 def _first_names(names: Sequence[str]) -> str:
-    """Return the first names of parts or files for a heading."""
     more = ", ..." if len(names) > MOST_NAMED_FILES else ""
     return ", ".join(names[:MOST_NAMED_FILES]) + more
 
@@ -534,7 +533,6 @@ def responses_content(estimates: ResponseEstimates) -> dict[str, Any]:
 
 
 def _fits_content(estimates: ResponseEstimates, fits: Fits) -> dict[str, Any]:
-    """Return the fitted transfer functions for ``responses.json``."""
     functions = []
     for (row, column), function, mismatch in zip(
         fits.places, fits.fit.functions, fits.mismatches, strict=True
@@ -580,7 +578,6 @@ def _fits_content(estimates: ResponseEstimates, fits: Fits) -> dict[str, Any]:
 
 
 def _qualities_content(estimates: ResponseEstimates) -> list[dict[str, Any]]:
-    """Return the flying qualities of each response for ``responses.json``."""
     return [
         {
             "output": estimates.names.outputs[qualities.place[0]],

@@ -45,8 +45,8 @@ from sim.truth.flight import INTEGRATION_TOLERANCE, Truth
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from scenarios.plots.comparisons import EquivalentRow
     from scenarios.plots.drawing import Named
-    from scenarios.plots.residuals import EquivalentRow
     from scenarios.plots.studies import Coverage, DeterminedBy
 
 
@@ -160,7 +160,7 @@ MOST_PANELS = 30  # parameters in one figure
 
 def study_figures(study: StudyResult) -> Iterator[Named]:
     """Yield a scenario's figures: file stem and drawing function."""
-    from scenarios.plots.residuals import ErrorCloud, figure_equivalents, figure_repeated
+    from scenarios.plots.comparisons import ErrorCloud, figure_equivalents, figure_repeated
     from scenarios.plots.signals import context, figure_fit, figure_record, response_of
     from scenarios.plots.studies import figure_determination
 
@@ -222,7 +222,7 @@ def study_figures(study: StudyResult) -> Iterator[Named]:
 
 
 def _error_figure(study: StudyResult) -> Iterator[Named]:
-    from scenarios.plots.residuals import ComparisonRow, figure_comparison
+    from scenarios.plots.comparisons import ComparisonRow, figure_comparison
 
     scenario, main = study.scenario, study.main
     is_single = len(main.rows) == 1  # all methods in one figure
@@ -349,7 +349,7 @@ def _ballistic_figures(study: StudyResult) -> Iterator[Named]:
 
 
 def _equivalents(study: StudyResult) -> list[EquivalentRow]:
-    from scenarios.plots.residuals import EquivalentRow
+    from scenarios.plots.comparisons import EquivalentRow
 
     return [
         EquivalentRow(

@@ -492,9 +492,8 @@ def diagnosed(flight: SurveyFlight, folder: Path, figures: Formats) -> dict[str,
     Raises FlightidError if the flight cannot be used.
     """
     from scenarios.diagnosis.diagnose import diagnose_files
-    from scenarios.diagnosis.report.content import quantities
-    from scenarios.diagnosis.report.files import write_diagnosis
-    from scenarios.diagnosis.report.text import headline
+    from scenarios.diagnosis.files import write_diagnosis
+    from scenarios.diagnosis.text import headline, quantities
 
     started = time.perf_counter()
     tracing = diagnose_files(flight.request())
@@ -527,8 +526,8 @@ def diagnosed(flight: SurveyFlight, folder: Path, figures: Formats) -> dict[str,
 
 def kinematics_of(flight: SurveyFlight) -> dict[str, Any]:
     """Return the kinematic check of the sensors of a flight, or the reason why there is none."""
-    from scenarios.compatibility.check import check_files
-    from scenarios.compatibility.report import finding_lines
+    from scenarios.compatibility import check_files
+    from scenarios.compatibility_report import finding_lines
 
     try:
         result = check_files(flight.request())

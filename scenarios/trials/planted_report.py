@@ -11,11 +11,16 @@ from typing import Any
 
 from ident.tracing.diagnosis import Quantity
 from scenarios.diagnosis.diagnose import Tracing
-from scenarios.diagnosis.report.content import bounded, positive, test_content
-from scenarios.diagnosis.report.files import write_diagnosis, write_prediction
-from scenarios.diagnosis.report.tables import level_cell
-from scenarios.diagnosis.report.text import details_text, diagnosis_summary
-from scenarios.diagnosis.report.wording import DECLARED, declared_alone, shown_table
+from scenarios.diagnosis.files import write_diagnosis, write_prediction
+from scenarios.diagnosis.tables import level_cell
+from scenarios.diagnosis.text import (
+    bounded,
+    details_text,
+    diagnosis_summary,
+    positive,
+    test_content,
+)
+from scenarios.diagnosis.wording import DECLARED, declared_alone, shown_table
 from scenarios.files.sources import versions
 from scenarios.files.user_models import channel_units
 from scenarios.files.writing import study_folder, write_json, write_record

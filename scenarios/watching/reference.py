@@ -376,7 +376,6 @@ def against_items(items: Sequence[CrossValidation], name: str) -> str:
 
 
 def _word(name: str) -> str:
-    """Return a quantity in words, or its symbol."""
     return WORDS.get(name, name)
 
 
@@ -416,10 +415,7 @@ def differences_table(reference: Mapping[str, Any]) -> Block:
             Column("reference ± σ", BY_ROW),
             [estimate(row["reference"], row["reference_std"]) for row in rows],
         ),
-        (
-            Column("difference", "σ"),
-            [Number(row["sigmas"], digits=1, signed=True) for row in rows],
-        ),
+        (Column("difference", "σ"), [Number(row["sigmas"], digits=1, signed=True) for row in rows]),
         (Column("remark"), ["outside" if row["outside"] else "" for row in rows]),
         units=[row["unit"] for row in rows],
     )

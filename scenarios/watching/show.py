@@ -41,13 +41,7 @@ from scenarios.report.folder import write_page
 from scenarios.report.quantities import console, number_text
 from scenarios.report.summary import TableColumn, print_paragraph, print_table
 from scenarios.report.terminal import fixed_table, show_table
-from scenarios.responses.loops import (
-    UNITS,
-    LoopMargins,
-    interval_text,
-    loop_tables,
-    margin_lines,
-)
+from scenarios.responses.loops import UNITS, LoopMargins, interval_text, loop_tables, margin_lines
 from scenarios.responses.loops import WORDS as LOOP_WORDS
 from scenarios.studies.comparison import SCHEMA
 from scenarios.watching.loop_margins import (
@@ -268,8 +262,7 @@ def spectral_page(
             *first,
             *section("Estimates", *estimate_tables(content)),
             *section(
-                "Against the reference",
-                None if reference is None else differences_table(reference),
+                "Against the reference", None if reference is None else differences_table(reference)
             ),
             *section(
                 "How it was made",

@@ -14,6 +14,7 @@ from scenarios.files.sources import versions
 from scenarios.studies.comparison import SCHEMA, bank_content, choices_content
 from scenarios.x29.declaration import (
     TURNED,
+    LinearCheck,
     has_table,
     printed_checks,
     printed_column,
@@ -37,7 +38,6 @@ from scenarios.x29.findings import (
     paper_sentences,
     sentences,
 )
-from scenarios.x29.loop import linear_content
 from scenarios.x29.open_margins import margins_content
 from scenarios.x29.study import LoopResult, LoopStudy
 from sim.closed_loop.linear import Margins
@@ -317,7 +317,6 @@ def _margins(margins: Margins) -> dict[str, float]:
 
 
 def _against(study: LoopStudy) -> dict[str, Any]:
-    """Return the other scenario that the study is compared with, if there is one."""
     against = study.scenario.against
     if study.other is None or study.differences is None or against is None:
         return {}
@@ -348,7 +347,6 @@ def _against(study: LoopStudy) -> dict[str, Any]:
 
 
 def _further(study: LoopStudy) -> dict[str, Any]:
-    """Return the further estimates that the scenario declares."""
     out: dict[str, Any] = {}
     if study.together:
         out["together"] = {
@@ -514,4 +512,23 @@ def _misfit(misfit: Misfit) -> Mapping[str, Any]:
             "share_below_fifth_of_nyquist": misfit.low_share,
         },
         "innovation_ratio": misfit.ratio,
+    }
+
+
+def linear_content(check: LinearCheck) -> dict[str, object]:
+    """Return the check for ``comparison.json``, without sizes at which the aircraft departs."""
+    curves = {
+        label: [
+            {"stick": size, "misfit": value}
+            for size, value in zip(check.sticks, values, strict=True)
+            if np.isfinite(value)
+        ]
+        for label, values in check.curves.items()
+    }
+    return {
+        "misfit": dict(check.misfit),
+        "q_misfit_of": dict(check.apart),
+        "stick": check.stick,
+        "by_stick": curves,
+        "limited": check.limited,
     }

@@ -1,7 +1,9 @@
-"""Declaration of a closed-loop scenario, published low-order equivalents, and simulated flight.
+"""Declaration of a closed-loop scenario, published low-order equivalents, simulated flight, and the
+flight compared with the response of the linear loop.
 
 Published estimates are only compared with ours, never used for them. A scenario may use the
-published start, P0 and R.
+published start, P0 and R. The nonlinear loop has a break-out, a progressive gearing, and surface
+limits; the linear loop has a constant gain instead.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ import numpy as np
 from scenarios.studies.declaration import Choice
 from scenarios.studies.schema import standard_deviations
 from sim.closed_loop.airframe import X29, load_x29
-from sim.closed_loop.linear import EquivalentSystem, equivalent_system
+from sim.closed_loop.linear import EquivalentSystem, equivalent_system, respond
 from sim.closed_loop.nonlinear import (
     ClosedLoopTruth,
     FlightOutcome,
@@ -455,14 +457,143 @@ def _low_order_record(
     model = model.with_noise(Noise(std, {"q": flight.gust} if flight.gust else {})).with_values(
         {"nz_0": 1.0}
     )
-    simulated, _ = fly(
-        model, {"stick": _as_recorded(record)}, record.time, rng, step=0.005, name=record.name
-    )
+    values = record["stick"].values
+    at = np.flatnonzero(np.diff(values, prepend=values[0] + 1.0))
+    stick = MultiStep(tuple(values[at].tolist()), (*record.time[at].tolist(), math.inf))
+    simulated, _ = fly(model, {"stick": stick}, record.time, rng, step=0.005, name=record.name)
     return replace(simulated, inputs=record.inputs)
 
 
-def _as_recorded(record: Record) -> MultiStep:
-    """Return the recorded stick, held between its samples."""
-    values = record["stick"].values
-    at = np.flatnonzero(np.diff(values, prepend=values[0] + 1.0))
-    return MultiStep(tuple(values[at].tolist()), (*record.time[at].tolist(), float("inf")))
+# ---- The nonlinear loop against the linear one
+
+# in, the largest deflection of each scaled stick; the last asks for some 6 g
+STICKS = (0.1, 0.2, 0.5, 1.0, 2.0, 4.0)
+RESPONSE_TOLERANCE = 1e-9  # relative error between two forms of the same loop
+Change = Callable[[X29], X29]
+
+
+@dataclass(frozen=True, eq=False)
+class LinearCheck:
+    """Relative misfits between nonlinear and linear response, as ratios of root mean squares.
+
+    Attributes
+    ----------
+    time : ``(F,)`` s, frames of the control computer.
+    simulated, linear : ``(3, F)``: alpha (rad), q (rad/s) and incremental nz (g), without noise.
+    misfit : by output.
+    apart : misfit of q with a single nonlinearity, by nonlinearity, and with none.
+    stick : largest deflection, in.
+    sticks : largest deflections of the same input at other amplitudes, in.
+    curves : misfit of q at ``sticks``, with all and with some nonlinearities; NaN if the aircraft
+        departs.
+    limited : share of frames with an active command, rate or travel limit.
+    """
+
+    time: np.ndarray
+    simulated: np.ndarray
+    linear: np.ndarray
+    misfit: Mapping[str, float]
+    apart: Mapping[str, float]
+    stick: float
+    sticks: tuple[float, ...]
+    curves: Mapping[str, tuple[float, ...]]
+    limited: float
+
+    @property
+    def same(self) -> bool:
+        """Whether only rounding remains without the nonlinearities."""
+        return self.apart["none of these"] < RESPONSE_TOLERANCE
+
+
+def linear_check(x29: X29, truth: ClosedLoopTruth) -> LinearCheck:
+    """Compare a flight of ``x29`` with the linear response to the same stick.
+
+    The stick must move the aircraft.
+    """
+    stick = truth.stick
+    linear = respond(x29, stick)[1][:3]
+    largest = float(np.abs(stick).max())
+    limited = (truth.command_limited | truth.rate_limited | truth.stopped).any(axis=0)
+
+    def q_misfit(change: Change, size: float = 1.0) -> float:
+        """Return the misfit of q for a changed aircraft and a stick scaled by ``size``."""
+        _, simulated = fly_closed_loop(change(x29), size * stick, float(truth.time[-1]))
+        if simulated.outcome is not FlightOutcome.COMPLETED:
+            return float("nan")
+        return _relative_misfit(_motion(simulated)[1], size * linear[1])
+
+    def limits_alone(x29: X29) -> X29:
+        return _straight(_without_break_out(x29))
+
+    simulated = _motion(truth)
+    return LinearCheck(
+        truth.time,
+        simulated,
+        linear,
+        {
+            name: _relative_misfit(flown, expected)
+            for name, flown, expected in zip(OUTPUTS, simulated, linear, strict=True)
+        },
+        {
+            "the break-out": q_misfit(lambda x: _straight(_unlimited(x))),
+            "the gearing": q_misfit(lambda x: _without_break_out(_unlimited(x))),
+            "the limits": q_misfit(limits_alone),
+            "none of these": q_misfit(lambda x: _straight(_without_break_out(_unlimited(x)))),
+        },
+        largest,
+        STICKS,
+        {
+            "as flown": tuple(q_misfit(lambda x: x, size / largest) for size in STICKS),
+            "no break-out": tuple(q_misfit(_without_break_out, size / largest) for size in STICKS),
+            "limits alone": tuple(q_misfit(limits_alone, size / largest) for size in STICKS),
+        },
+        float(limited.mean()),
+    )
+
+
+def linear_sentence(check: LinearCheck) -> str:
+    """Return the sentence on the differences of the nonlinear loop, their causes, and what remains
+    at a small stick.
+    """
+    text = ", ".join(f"{name} {_percent(value)}" for name, value in check.misfit.items())
+    apart = ", ".join(f"{label} {_percent(value)}" for label, value in check.apart.items())
+    small, free = check.curves["as flown"][0], check.curves["no break-out"][0]
+    verdict = "two writings of one loop" if check.same else "NOT the same loop"
+    return (
+        "flown against the linear loop's forced response (python-control) to the same stick, root "
+        f"mean square over the response's: {text}; "
+        f"with one departure from linearity at a time q differs by: {apart} ({verdict}); a limit "
+        f"is met in {100.0 * check.limited:.2g} % of "
+        f"the frames; at a stick of {check.sticks[0]:g} in at most q differs by {_percent(small)}, "
+        f"without the break-out by {_percent(free)}"
+    )
+
+
+def _motion(truth: ClosedLoopTruth) -> np.ndarray:
+    return np.stack([truth.alpha, truth.q, truth.nz - 1.0])
+
+
+def _relative_misfit(simulated: np.ndarray, linear: np.ndarray) -> float:
+    return float(np.linalg.norm(simulated - linear) / np.linalg.norm(linear))
+
+
+def _percent(share: float) -> str:
+    if not np.isfinite(share):
+        return "unknown (it departs)"
+    form = ".0e" if share < RESPONSE_TOLERANCE else ".2g" if share < 0.99 else ".0f"
+    return f"{100.0 * share:{form}} %"
+
+
+def _without_break_out(x29: X29) -> X29:
+    return replace(x29, stick=replace(x29.stick, dead_band=0.0))
+
+
+def _straight(x29: X29) -> X29:
+    return replace(x29, stick=replace(x29.stick, curvature=0.0))
+
+
+def _unlimited(x29: X29) -> X29:
+    canard, flaperon, strake = (
+        replace(surface, rate=NO_LIMIT, lower=-NO_LIMIT, upper=NO_LIMIT) for surface in x29.surfaces
+    )
+    return replace(x29, surfaces=(canard, flaperon, strake))

@@ -206,7 +206,6 @@ def loop_figures(study: LoopStudy) -> Iterator[Named]:
 
 
 def _further_figures(study: LoopStudy) -> Iterator[Named]:
-    """Yield the delays, linear check, margins and variants, where the study has them."""
     from scenarios.plots.low_order import (
         LikelihoodCurve,
         figure_delays,

@@ -14,6 +14,7 @@ from ident.banks.delays import DELAYS
 from ident.estimate import Estimate
 from scenarios.x29.declaration import (
     has_table,
+    linear_sentence,
     printed_checks,
     printed_column,
     printed_density,
@@ -22,8 +23,7 @@ from scenarios.x29.declaration import (
     short_period,
 )
 from scenarios.x29.estimating import LoopMethodResult, between_grid_points, of_refined
-from scenarios.x29.loop import FLIGHTS, has_equivalent, linear_sentence, targets
-from scenarios.x29.open_margins import margins_sentence
+from scenarios.x29.open_margins import FLIGHTS, has_equivalent, margins_sentence, targets
 from scenarios.x29.study import HALF_FRAME, LoopStudy, verdicts
 from sim.closed_loop.airframe import load_x29
 

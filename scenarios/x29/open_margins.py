@@ -1,9 +1,14 @@
-"""Phase margins of flight and simulation over values that the paper leaves open.
+"""Airframes matched to printed low-order equivalents, and phase margins of flight and simulation
+over values that the paper leaves open.
+
+Matched are L_alpha, M_alpha, the pitching moment of the surfaces (one factor) and the stick's lag.
+Not matched are L_delta, which depends on the model's order, and the delay, which depends on the
+stick's path outside the loop and affects no margin.
 
 The varied values are our choices [own]; NASA TM-101722 does not publish them. The loop of the
 simulation is airframe S, that of the flight is F, with the same control law. At each point, both
-aircraft are matched to the published low-order equivalents (`loop.py`). The spread of the margins
-is the uncertainty that the published numbers leave. Margins are computed by python-control.
+aircraft are matched. The spread of the margins is the uncertainty that the published numbers leave.
+Margins are computed by python-control.
 """
 
 from __future__ import annotations
@@ -15,18 +20,179 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.x29.declaration import MarginPlan
-from scenarios.x29.loop import (
-    Beginning,
-    Matched,
-    PrintedTarget,
-    beginning,
-    beginning_at,
-    match,
-    targets,
-)
+from scenarios.x29.declaration import MarginPlan, printed_column
 from sim.closed_loop.airframe import X29, Sensor, load_x29
-from sim.closed_loop.linear import Margins, margins
+from sim.closed_loop.equations import sampled_loop
+from sim.closed_loop.linear import EquivalentSystem, Margins, fit_equivalent, loop_margins, margins
+
+# ---- An airframe fitted so that its loop has the low-order equivalent that the paper prints
+
+MATCHED = ("L_alpha", "M_alpha", "M_q", "M_delta", "inv_tau")
+# sum of squared deviations that five values exceed once in twenty (chi-square)
+CHI_SQUARE_95 = 11.07
+FLIGHTS = ("flight", "time_shift", "convergence")  # the paper's three estimates of one flight
+MATCHED_OMEGA = np.geomspace(0.35, 14.0, 40)  # rad/s, as ``equivalent_system``
+MARGIN_OMEGA = np.geomspace(0.5, 120.0, 240)  # rad/s, around every crossing
+# Bounds and sizes of the unknowns of ``changed``: 1/s, 1/s2, 1, s
+_LOW, _HIGH = np.array([-10.0, -60.0, 0.2, 1e-3]), np.array([-0.1, 120.0, 4.0, 0.2])
+_SIZE = np.array([0.1, 3.0, 0.1, 0.01])
+_LEAST_GAIN = 0.01  # smallest gain of the sum of squares that continues the search
+_MOST_STEPS = 12
+
+
+@dataclass(frozen=True)
+class PrintedTarget:
+    """A printed value and how far a loop may be from it, one sigma."""
+
+    value: float
+    std: float
+
+
+@dataclass(frozen=True, eq=False)
+class Matched:
+    """A matched aircraft: computing delay (s), matched values ``(4,)``, equivalent, cost, margins.
+
+    The cost is the sum of squared deviations from the targets.
+    """
+
+    x29: X29
+    delay: float
+    parameters: np.ndarray
+    equivalent: EquivalentSystem
+    misfit: float
+    margins: Margins
+    stable: bool
+
+    @property
+    def plausible(self) -> bool:
+        """Whether it is stable and has the paper's equivalent within the scatter of the paper's
+        estimates.
+        """
+        return self.stable and self.misfit <= CHI_SQUARE_95
+
+
+@dataclass(frozen=True, eq=False)
+class Beginning:
+    """Start of a search: unknowns ``(4,)``, Jacobian of the deviations ``(5, 4)``, equivalent."""
+
+    parameters: np.ndarray
+    slopes: np.ndarray
+    equivalent: EquivalentSystem
+
+
+def targets(column: str) -> dict[str, PrintedTarget]:
+    """Return a printed column with sigmas: the printed ones, or the relative scatter of the paper's
+    three estimates of its flight where that is larger.
+    """
+    flights = [printed_column(name) for name in FLIGHTS]
+    printed, out = printed_column(column), {}
+    for name in MATCHED:
+        values = np.array([flight[name].value for flight in flights])
+        scatter = float(values.std(ddof=1) / abs(values.mean()))
+        cell = printed[name]
+        out[name] = PrintedTarget(cell.value, max(scatter * abs(cell.value), cell.std or 0.0))
+    return out
+
+
+def beginning(x29: X29, wanted: Mapping[str, PrintedTarget]) -> Beginning:
+    """Return the search's start for an aircraft as declared: slopes by small steps."""
+    parameters = np.array([x29.airframe.L_alpha, x29.airframe.M_alpha, 1.0, 1.0 / x29.stick.lag])
+    near = equivalent_of(x29, x29.frame)
+    return Beginning(parameters, _slopes(x29, x29.frame, wanted, parameters, near), near)
+
+
+def beginning_at(matched: Matched, wanted: Mapping[str, PrintedTarget], x29: X29) -> Beginning:
+    """Return the start of a search for a loop similar to a matched one."""
+    return Beginning(
+        matched.parameters,
+        _slopes(x29, matched.delay, wanted, matched.parameters, matched.equivalent),
+        matched.equivalent,
+    )
+
+
+def match(x29: X29, delay: float, wanted: Mapping[str, PrintedTarget], begin: Beginning) -> Matched:
+    """Fit an aircraft's loop to an equivalent by Gauss-Newton steps.
+
+    Broyden's method updates the Jacobian; it is recomputed if a step fails.
+    """
+    from scipy.optimize import lsq_linear
+
+    p, J = begin.parameters, begin.slopes
+    near = equivalent_of(changed(x29, p), delay, begin.equivalent)
+    r, is_fresh = _deviations(near, wanted), False
+    for _ in range(_MOST_STEPS):
+        step = _SIZE * lsq_linear(J * _SIZE, -r, ((_LOW - p) / _SIZE, (_HIGH - p) / _SIZE)).x
+        for share in (1.0, 0.3):
+            s = share * step
+            there = equivalent_of(changed(x29, p + s), delay, near)
+            moved = _deviations(there, wanted)
+            J = J + np.outer(moved - r - J @ s, s / _SIZE**2) / max(
+                float(np.sum((s / _SIZE) ** 2)), 1e-12
+            )
+            if better := bool(moved @ moved < r @ r):
+                break
+        gained = float(r @ r - moved @ moved)
+        if better:
+            p, r, near, is_fresh = p + s, moved, there, is_fresh and gained < _LEAST_GAIN
+        if gained < _LEAST_GAIN:
+            if is_fresh:
+                break
+            J, is_fresh = _slopes(x29, delay, wanted, p, near), True
+    matched = changed(x29, p)
+    loop = sampled_loop(matched, delay).open_loop
+    stable = bool(np.abs(np.linalg.eigvals(loop.A - loop.B @ loop.C)).max() < 1.0)
+    return Matched(matched, delay, p, near, float(r @ r), loop_margins(loop, MARGIN_OMEGA), stable)
+
+
+def _slopes(
+    x29: X29,
+    delay: float,
+    wanted: Mapping[str, PrintedTarget],
+    p: np.ndarray,
+    near: EquivalentSystem,
+) -> np.ndarray:
+    """Return the slopes of the deviations by the parameters, ``(5, 4)``, by small steps."""
+    first = _deviations(near, wanted)
+    columns = [
+        (_deviations(equivalent_of(changed(x29, p + step), delay, near), wanted) - first)
+        / step.sum()
+        for step in 0.05 * np.diag(_SIZE)
+    ]
+    return np.array(columns).T
+
+
+def has_equivalent(x29: X29, wanted: Mapping[str, PrintedTarget]) -> bool:
+    """Return whether the declared aircraft has the wanted equivalent within its scatter."""
+    deviations = _deviations(equivalent_of(x29, x29.law.delay_frames * x29.frame), wanted)
+    return float(deviations @ deviations) <= CHI_SQUARE_95
+
+
+def changed(x29: X29, p: np.ndarray) -> X29:
+    """Return the aircraft with parameters p = (L_alpha, M_alpha, factor on the surfaces' moments,
+    time constant of the stick's lag).
+    """
+    a, (L_alpha, M_alpha, factor, time) = x29.airframe, p.tolist()
+    canard, flaperon, strake = (factor * moment for moment in a.M_surface)
+    airframe = replace(a, L_alpha=L_alpha, M_alpha=M_alpha, M_surface=(canard, flaperon, strake))
+    return replace(x29, airframe=airframe, stick=replace(x29.stick, lag=1.0 / time))
+
+
+def equivalent_of(x29: X29, delay: float, near: EquivalentSystem | None = None) -> EquivalentSystem:
+    """Return the low-order equivalent of a loop with a computing delay of ``delay`` s.
+
+    The search starts from the equivalent of a similar loop.
+    """
+    response = sampled_loop(x29, delay).response(MATCHED_OMEGA)
+    return fit_equivalent(
+        MATCHED_OMEGA, response, x29.airframe.airspeed, x29.airframe.gravity, near=near
+    )
+
+
+def _deviations(equivalent: EquivalentSystem, wanted: Mapping[str, PrintedTarget]) -> np.ndarray:
+    return np.array(
+        [(getattr(equivalent, name) - target.value) / target.std for name, target in wanted.items()]
+    )
+
 
 # ---- What the paper leaves open of the two loops
 
@@ -282,7 +448,7 @@ def margins_content(found: OpenMargins) -> dict[str, Any]:
 
 
 def margins_sentence(found: OpenMargins) -> str:
-    """Share of the loops in which the flight has the larger margin, and its main cause."""
+    """Return the share of loops in which the flight has the larger margin, and its main cause."""
     words = {
         AIRFRAMES: "the airframes alone differ",
         EVERYTHING: "surfaces and computing differ, too",

@@ -82,8 +82,6 @@ def _bare(heading: str, unit: str) -> Column:
 
 
 def _triangle(title: str, names: tuple[str, ...], C: np.ndarray) -> Table:
-    """Return the lower triangle of a correlation matrix."""
-
     def cell(i: int, j: int) -> Cell:
         if j > i:
             return ""

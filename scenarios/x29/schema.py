@@ -156,7 +156,6 @@ def loop_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Loop
 
 
 def _variant(variant: _Variant, document: Mapping[str, Any], place: str) -> Variant:
-    """Return a variant: the scenario's content with its changes. ``place``: key in messages."""
     changed = {key: value for key, value in document.items() if key != "variants"}
     for change in variant.set:
         changed = with_change(changed, change)

@@ -26,9 +26,11 @@ from ident.frequency_response.model_fit import estimate_response, fit_response
 from ident.statistics.residuals import Comparison, ResidualTest, compare_estimates, tests_of_records
 from scenarios.studies.catalogue import load_document
 from scenarios.x29.declaration import (
+    LinearCheck,
     LoopScenario,
     SimulatedLoop,
     fly_loop,
+    linear_check,
     low_order_model,
     short_period,
     telemetry_noise,
@@ -56,7 +58,6 @@ from scenarios.x29.estimating import (
     single_pass,
     started_again,
 )
-from scenarios.x29.loop import LinearCheck, linear_check
 from scenarios.x29.open_margins import OpenMargins, margins_of, planned_margins
 from sim.closed_loop.linear import EquivalentSystem, Margins, equivalent_system
 from sim.declaration.compile import compile_model

@@ -15,9 +15,9 @@ import pytest
 import sim.effects.sensor_path
 from scenarios.cli.libraries import show_effects
 from scenarios.diagnosis.diagnose import Tracing, diagnose_files
-from scenarios.diagnosis.report.files import write_diagnosis
-from scenarios.diagnosis.report.text import diagnosis_text
-from scenarios.diagnosis.report.wording import separating_maneuver
+from scenarios.diagnosis.files import write_diagnosis
+from scenarios.diagnosis.text import diagnosis_text
+from scenarios.diagnosis.wording import separating_maneuver
 from scenarios.files.writing import write_record
 from scenarios.plots.display import NamedEffects
 from scenarios.plots.tracing import figure_evidence

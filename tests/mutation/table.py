@@ -623,7 +623,7 @@ SCENARIOS = (
     ),
     *changes(
         "scenarios/watching/study.py",
-        ("tests/unit/scenarios/watching/test_estimates.py",),
+        ("tests/unit/scenarios/watching/test_history.py",),
         ("ndtr((between - value) /", "ndtr((value - between) /"),
     ),
     *changes(
@@ -642,8 +642,8 @@ SCENARIOS = (
         (" / effect.recurrence.probability[number]", ""),
     ),
     *changes(
-        "scenarios/side_by_side/comparison.py",
-        ("tests/unit/scenarios/side_by_side/test_value.py",),
+        "scenarios/plots/display.py",
+        ("tests/unit/scenarios/test_side_by_side.py",),
         (
             "(self.estimate - self.reference) / abs(self.reference)",
             "(self.estimate - self.reference) / self.reference",
@@ -652,7 +652,7 @@ SCENARIOS = (
     ),
     *changes(
         "scenarios/x29/estimating.py",
-        ("tests/unit/scenarios/x29/test_measures.py",),
+        ("tests/unit/scenarios/x29/test_linear_check.py",),
         ("len(power) // 5", "len(power) // 2"),
         (
             "(abs(self.peak_simulated) / abs(self.peak_measured) - 1.0)",
@@ -671,7 +671,7 @@ SCENARIOS = (
     ),
     *changes(
         "scenarios/diagnosis/diagnose.py",
-        ("tests/unit/scenarios/diagnosis/test_deciding.py",),
+        ("tests/unit/scenarios/diagnosis/test_diagnosing.py",),
         ("record[name].values - record[name].values[0]", "record[name].values"),
     ),
     *changes(
@@ -709,8 +709,8 @@ SCENARIOS = (
         ("if factor > 1.0\n", "if factor < 1.0\n"),
     ),
     *changes(
-        "scenarios/compatibility/check.py",
-        ("tests/unit/scenarios/compatibility/test_check.py",),
+        "scenarios/compatibility.py",
+        ("tests/unit/scenarios/test_compatibility.py",),
         ("2.0 * np.maximum(np.where(pressure", "np.maximum(np.where(pressure"),
     ),
     *changes(
@@ -767,7 +767,7 @@ RECORDS = (
 # The labs.
 FLIGHTID = (
     *changes(
-        "flightid/labs/workings/trying.py",
+        "flightid/labs/workings/__init__.py",
         ("tests/unit/flightid/labs/test_workings.py",),
         ("return row.sigmas", "return -row.sigmas"),
         ("z - estimate.fitted[0]", "estimate.fitted[0] - z"),

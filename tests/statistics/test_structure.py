@@ -13,7 +13,7 @@ from ident.structure.coefficients import Airframe, histories_of
 from ident.structure.selection import select
 from scenarios.files.aircraft_files import read_aircraft
 from scenarios.files.declarations import read_toml_source
-from scenarios.structure.study import StructureOptions, coefficients_of, structure_of
+from scenarios.structure import StructureOptions, coefficients_of, structure_of
 from scenarios.studies.catalogue import load_scenario
 from scenarios.studies.estimating import fly_scenario
 from sim.aerodynamics import FLOW, Term, parse_term

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flightid.labs.workings.trying import KEPT
+from flightid.labs.workings import KEPT
 
 if TYPE_CHECKING:
     from ident.flying_qualities.levels import Quality, QualityLevel

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flightid.labs.workings.trying import ALONE, repeated, row_of, tried
+from flightid.labs.workings import ALONE, repeated, row_of, tried
 
 if TYPE_CHECKING:
     from ident.estimate import FilterHistory
@@ -86,16 +86,12 @@ def numbers(
     }
 
 
-def passes_needed(start: float, spread: float, share: float = 0.9, most: int = 5) -> int:
-    """Return the fewest passes with which the 2-sigma coverage of 200 falls reaches ``share``.
-
-    ``most`` if no number of passes does.
+def passes_needed(start: float, spread: float) -> int:
+    """Return the fewest passes, at most 5, with which the 2-sigma coverage of 200 falls reaches
+    90 percent; 5 if no number of passes does.
     """
-    shares = {
-        passes: campaign(changes(start, spread, passes)).pooled.within_two
-        for passes in range(1, most + 1)
-    }
-    return next((passes for passes, found in shares.items() if found >= share), most)
+    shares = {n: campaign(changes(start, spread, n)).pooled.within_two for n in range(1, 6)}
+    return next((passes for passes, found in shares.items() if found >= 0.9), 5)
 
 
 def worse_prior() -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from flightid.labs.workings.trying import ALONE, row_of, sigmas_off, tried
+from flightid.labs.workings import ALONE, row_of, sigmas_off, tried
 
 if TYPE_CHECKING:
     from scenarios.studies.study import StudyResult
@@ -65,9 +65,9 @@ def numbers(
     }
 
 
-def nearer(factor: float = 1.0, name: str = "Cm_alpha") -> str:
-    """Return whether an estimate is nearer to the rigid or to the condensed value."""
-    row = row_of(study(changes(factor)).main, name)
+def nearer() -> str:
+    """Return whether the estimate of Cm_alpha is nearer to the rigid or to the condensed value."""
+    row = row_of(study(changes()).main, "Cm_alpha")
     assert row.true is not None and row.condensed is not None
     is_rigid = abs(row.estimate - row.true) < abs(row.estimate - row.condensed)
     return "rigid" if is_rigid else "condensed"
@@ -78,11 +78,12 @@ def worst(factor: float = 1.0) -> str:
     return max(study(changes(factor)).main.rows, key=lambda row: abs(sigmas_off(row))).name
 
 
-def first_seen(factors: tuple[float, ...] = (4.0, 3.0, 2.0, 1.5, 1.0)) -> float:
+def first_seen() -> float:
     """Return the first structure, from stiff to soft, whose residual test fails."""
+    factors = (4.0, 3.0, 2.0, 1.5, 1.0)
     return next(factor for factor in factors if numbers(factor)["tests failed"] > 0)
 
 
-def enough_noise(factor: float = 1.0) -> float:
+def enough_noise() -> float:
     """Return the smallest of the densities with which no residual test fails."""
-    return next(density for density in DENSITIES if numbers(factor, density)["tests failed"] == 0)
+    return next(d for d in DENSITIES if numbers(density=d)["tests failed"] == 0)

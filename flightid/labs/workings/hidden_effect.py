@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flightid.labs.workings.trying import Scratch
+from flightid.labs.workings import Scratch
 
 if TYPE_CHECKING:
     import flightid
@@ -107,7 +107,7 @@ class Flown:
     noise: Mapping[str, float]
 
     def path(self, name: str) -> Path:
-        """``train.csv``, ``validate.csv`` or ``vehicle.toml``."""
+        """Return ``train.csv``, ``validate.csv`` or ``vehicle.toml``."""
         return self.folder.path / name
 
 

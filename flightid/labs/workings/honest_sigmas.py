@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flightid.labs.workings.trying import repeated, tried
+from flightid.labs.workings import repeated, tried
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flightid.labs.workings.trying import KEPT
+from flightid.labs.workings import KEPT
 
 if TYPE_CHECKING:
-    from scenarios.structure.study import FoundStructure
+    from scenarios.structure import FoundStructure
     from sim.record import Record
     from sim.vehicles.aircraft import Aircraft
 
@@ -56,13 +56,13 @@ class Studied:
     held_out: Record
 
     def predicted(self, axis: str) -> float:
-        """R2 of a coefficient on the maneuver that is never fitted."""
+        """Return R2 of a coefficient on the maneuver that is never fitted."""
         return self.found.predicted[self.held_out.name][axis]
 
 
 @cache
 def aircraft() -> Aircraft:
-    """The true aircraft: the generic airliner, with terms that are products of two signals."""
+    """Return the true aircraft: the generic airliner with products of two signals as terms."""
     from scenarios.files.aircraft_files import example
     from sim.aerodynamics import parse_term
     from sim.vehicles.aircraft import declaration_of
@@ -78,13 +78,13 @@ def aircraft() -> Aircraft:
 
 
 def true_terms(axis: str) -> dict[str, float]:
-    """Terms of a coefficient and their true values."""
+    """Return terms of a coefficient and their true values."""
     return {term.text: value for term, value in aircraft().coefficients[axis].items()}
 
 
 def _deflections(kind: str, linked: bool, number: int) -> np.ndarray:
-    """Elevator, aileron, rudder (rad) and thrust (N) at the samples, ``(4, N)``, held between them;
-    ``number`` counts maneuvers from 0.
+    """Return the elevator, aileron, rudder (rad) and thrust (N) at the samples, ``(4, N)``, held
+    between them; ``number`` counts maneuvers from 0.
     """
     from sim.maneuvers import Maneuver, doublet, orthogonal_multisines, three_two_one_one
     from sim.truth.flight import sample_times
@@ -113,13 +113,15 @@ def _deflections(kind: str, linked: bool, number: int) -> np.ndarray:
 
 
 def _on_samples(duration: float) -> float:
-    """The duration, s, in whole samples: a switch between two would be recorded late."""
+    """Return the duration, s, in whole samples: a switch between two would be recorded late."""
     return round(RATE * duration) / RATE
 
 
 @cache
 def _motion() -> Mapping[tuple[str, bool, int], tuple[np.ndarray, dict[str, np.ndarray]]]:
-    """Inputs ``(4, N)`` and outputs ``(N,)`` by name of all maneuvers, simulated side by side."""
+    """Return inputs ``(4, N)`` and outputs ``(N,)`` by name of all maneuvers, simulated side by
+    side.
+    """
     from sim.declaration.compile import compile_model
     from sim.propagation import Drive, make_grid, outputs_at_samples, propagate
     from sim.truth.flight import sample_times
@@ -150,7 +152,7 @@ def _motion() -> Mapping[tuple[str, bool, int], tuple[np.ndarray, dict[str, np.n
 
 @lru_cache(KEPT)
 def flown(kind: str, linked: bool, noise: float, number: int) -> Record:
-    """A maneuver measured with ``noise`` times the usual noise; ``number`` counts from 0."""
+    """Return a maneuver measured with ``noise`` times the usual noise; ``number`` counts from 0."""
     from sim.record import Channel, Hold, Record
     from sim.truth.flight import sample_times
     from sim.truth.measurement import Measurement, measure
@@ -178,7 +180,7 @@ def study(
     noise: float = 1.0,
     degree: int = 2,
 ) -> Studied:
-    """Terms of all coefficients from some maneuvers.
+    """Return terms of all coefficients from some maneuvers.
 
     Parameters
     ----------
@@ -188,7 +190,7 @@ def study(
     noise : of all sensors, times the usual.
     degree : of the products of signals offered.
     """
-    from scenarios.structure.study import StructureOptions, predicted_r2, structure_of
+    from scenarios.structure import StructureOptions, predicted_r2, structure_of
 
     records = tuple(flown(kind, linked, noise, number) for number in range(maneuvers))
     held_out = flown(kind, False, noise, MOST)
@@ -198,15 +200,15 @@ def study(
 
 
 def variance(studied: Studied, axis: str) -> float:
-    """Variance of a measured coefficient over the maneuvers that are fitted."""
+    """Return the variance of a measured coefficient over the maneuvers that are fitted."""
     return float(np.var(np.concatenate([h.coefficients[axis] for h in studied.found.histories])))
 
 
 def shown(studied: Studied, axis: str) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Time, measured and modelled coefficient, each ``(M,)``: of the last maneuver that is fitted
-    and of the one that never is.
+    """Return the time, measured and modelled coefficient, each ``(M,)``: of the last maneuver that
+    is fitted and of the one that never is.
     """
-    from scenarios.structure.study import coefficients_of
+    from scenarios.structure import coefficients_of
 
     found, terms = studied.found, studied.found.selections[axis].table
     drawn = {}
@@ -220,9 +222,9 @@ def shown(studied: Studied, axis: str) -> dict[str, tuple[np.ndarray, np.ndarray
 
 
 def term_rows(studied: Studied, axis: str) -> list[list[str]]:
-    """Rows of a table: term, true value, estimate; of the step in which it came its number, F
-    ratio, R2 left out and predicted squared error; variance inflation. True terms that were not
-    chosen stand last.
+    """Return rows of a table: term, true value, estimate; number, F ratio, R2 left out and
+    predicted squared error of the step that added the term; variance inflation. True terms that
+    were not chosen are last.
     """
     each, together = studied.found.selections[axis], studied.found.collinearity[axis]
     true = true_terms(axis)
@@ -253,14 +255,14 @@ def term_rows(studied: Studied, axis: str) -> list[list[str]]:
 
 
 def held_out(studied: Studied, axis: str) -> str:
-    """R2 on maneuvers left out in turn as text; of one maneuver alone there is none."""
+    """Return R2 on maneuvers left out in turn as text; words for a single maneuver."""
     value = studied.found.selections[axis].held_out
     return f"{value:.4f}" if np.isfinite(value) else "none of one maneuver"
 
 
 def told(studied: Studied, axis: str) -> list[str]:
     """Return the command's sentences on a coefficient and on surfaces that move together."""
-    from scenarios.structure.report import findings
+    from scenarios.structure_report import findings
 
     lines = findings(studied.found)
     advice = studied.found.collinearity[axis].advice
@@ -281,9 +283,10 @@ def numbers(
     noise: float = 1.0,
     degree: int = 2,
 ) -> dict[str, float]:
-    """What the key expects of a coefficient: number of terms, those of them that are true, R2 on
-    maneuvers left out in turn and on the one that is never fitted, residual over noise, the largest
-    variance inflation and condition index; zero if nothing is left out."""
+    """Return the numbers of the key for a coefficient: numbers of chosen and of true terms, R2 on
+    maneuvers left out in turn (zero for a single maneuver) and on the maneuver that is never
+    fitted, residual over noise, largest variance inflation, largest condition index.
+    """
     studied = study(maneuvers, kind, linked, noise, degree)
     each, together = studied.found.selections[axis], studied.found.collinearity[axis]
     true = true_terms(axis)
@@ -300,8 +303,8 @@ def numbers(
 
 
 def maneuvers_needed(text: str, axis: str, noise: float) -> int:
-    """The least number of maneuvers with multisines that find a term; one more than there are if
-    none does.
+    """Return the least number of maneuvers with multisines that find a term; ``MOST + 1`` if none
+    does.
     """
     for count in range(1, MOST + 1):
         found = study(count, KINDS[1], False, noise).found.selections[axis]
@@ -311,7 +314,7 @@ def maneuvers_needed(text: str, axis: str, noise: float) -> int:
 
 
 def command(maneuvers: int, degree: int) -> str:
-    """The command line for the files of ``archive``."""
+    """Return the command line for the files of ``archive``."""
     names = " ".join(f"maneuver_{number + 1}.csv" for number in range(maneuvers))
     return (
         f"flightid structure {names} \\\n  --vehicle vehicle.toml --degree {degree} "
@@ -320,11 +323,11 @@ def command(maneuvers: int, degree: int) -> str:
 
 
 def archive(studied: Studied) -> bytes:
-    """A ZIP file with the records and a vehicle file without terms."""
+    """Return a ZIP file with the records and a vehicle file without terms."""
     import tempfile
     from pathlib import Path
 
-    from flightid.labs.workings.trying import PREFIX
+    from flightid.labs.workings import PREFIX
     from scenarios.files.aircraft_files import vehicle_file_text
     from scenarios.files.writing import write_record
     from sim.aerodynamics import Term

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from flightid.labs.workings import recorder_log
-from flightid.labs.workings.trying import PREFIX, Scratch
+from flightid.labs.workings import PREFIX, Scratch, recorder_log
 
 if TYPE_CHECKING:
     import flightid
@@ -113,8 +112,8 @@ class Kept:
 
 
 def vehicle_text(model: str, source: str = TABLE) -> str:
-    """A vehicle file to begin with: of ``rigid`` the example's, whose starts are 30 % off, else of
-    the library.
+    """Return a vehicle file to begin with: for ``rigid`` that of the example, whose starting values
+    are up to 30 % off, else one of the library.
     """
     import flightid
 
@@ -126,18 +125,18 @@ def vehicle_text(model: str, source: str = TABLE) -> str:
 
 
 def files_of(source: str) -> tuple[tuple[str, bytes], ...]:
-    """Name and content of the records of an example; none of ``OWN``."""
+    """Return the name and content of the records of an example; none for ``OWN``."""
     return {TABLE: example, LOG: recorder_log.example}.get(source, tuple)()
 
 
 def map_of(source: str) -> str:
-    """The channel map of an example; empty of ``OWN``."""
+    """Return the channel map of an example; empty for ``OWN``."""
     return {TABLE: MAP, LOG: recorder_log.MAP}.get(source, "")
 
 
 def kept(records: Sequence[tuple[str, bytes]], vehicle: str, channels: str = "") -> Kept:
-    """Files as they came (name and content), the text of the vehicle file, and that of a channel
-    map, if there is one.
+    """Return the files of a student: records by name and content, the text of the vehicle file, and
+    that of the channel map, if there is one.
 
     Raises
     ------
@@ -177,7 +176,7 @@ def tried(what: Callable[[], Found]) -> tuple[Found | None, str]:
 
 
 def _plain(text: str) -> str:
-    """A sentence on one line, without the folder of the uploaded files."""
+    """Return a sentence on one line, without the folder of the uploaded files."""
     return _SCRATCH.sub("", " ".join(text.split()))
 
 
@@ -188,7 +187,7 @@ def check_remarks(found: flightid.Check) -> list[str]:
 
 
 def fit_remarks(found: flightid.Identification) -> list[str]:
-    """Warnings and notes of an identification, in the words of the command."""
+    """Return warnings and notes of an identification, in the words of the command."""
     fit = found.details.found
     reading = (fit.reading.sentence,) if fit.reading else ()
     lines = (*fit.doubts, *fit.cautions, *reading, *fit.look.set_aside, *fit.notes)
@@ -196,15 +195,15 @@ def fit_remarks(found: flightid.Identification) -> list[str]:
 
 
 def diagnosis_remarks(found: flightid.Diagnosis) -> list[str]:
-    """Warnings and notes of a diagnosis, in the words of the command."""
-    from scenarios.diagnosis.report.evidence import warnings_of
+    """Return warnings and notes of a diagnosis, in the words of the command."""
+    from scenarios.diagnosis.evidence import warnings_of
 
     details = found.details
     return [_plain(each) for each in (*details.doubts, *warnings_of(details), *found.notes)]
 
 
 def read(given: Kept) -> list[flightid.Record]:
-    """The records with the channels that are found in them."""
+    """Return the records with the channels that are found in them."""
     import flightid
 
     return [flightid.read_record(path, channels=given.channels) for path in given.records]
@@ -218,7 +217,7 @@ def checked(given: Kept) -> flightid.Check:
 
 
 def identified(given: Kept, model: str, method: str = "output-error") -> flightid.Identification:
-    """Parameters from all records together."""
+    """Return parameters from all records together."""
     import flightid
 
     return flightid.identify(
@@ -227,20 +226,22 @@ def identified(given: Kept, model: str, method: str = "output-error") -> flighti
 
 
 def diagnosed(given: Kept, model: str) -> flightid.Diagnosis:
-    """What the model lacks; the last of several records, or the last part of one, is held out."""
+    """Return the diagnosis of the model; the last of several records, or the last part of one, is
+    held out.
+    """
     import flightid
 
     return flightid.diagnose(given.records, model, given.vehicle, channels=given.channels)
 
 
 def report(found: flightid.Diagnosis) -> bytes:
-    """The report as one HTML file."""
+    """Return the report as one HTML file."""
     with tempfile.TemporaryDirectory(prefix=PREFIX) as scratch:
         return found.report(Path(scratch, "report.html")).read_bytes()
 
 
 def channel_rows(records: Sequence[flightid.Record]) -> list[list[str]]:
-    """Of each channel of each record: samples, unit, least and greatest value."""
+    """Return a row for each channel of each record: samples, unit, least and greatest value."""
     rows = []
     for record in records:
         for name, unit in record.units.items():
@@ -267,8 +268,8 @@ def _flown() -> SimulatedTrace:
 
 
 def example() -> tuple[tuple[str, bytes], ...]:
-    """Two records as a flight-test system exports them: milliseconds, degrees, headers of its own,
-    values rounded, some missing.
+    """Return two records as a flight-test system exports them: milliseconds, degrees, other column
+    names, rounded values, missing samples.
     """
     found = _flown()
     return (("point_1.csv", exported(found.train)), ("point_2.csv", exported(found.validate)))

@@ -24,14 +24,7 @@ CONSTANTS = {
     "airspeed": 18.0,
     "air_density": 1.2,
 }
-TRUE = {
-    "CL_alpha": 4.8,
-    "CL_q": 7.0,
-    "CL_de": 0.3,
-    "Cm_alpha": -0.9,
-    "Cm_q": -14.0,
-    "Cm_de": -1.1,
-}
+TRUE = {"CL_alpha": 4.8, "CL_q": 7.0, "CL_de": 0.3, "Cm_alpha": -0.9, "Cm_q": -14.0, "Cm_de": -1.1}
 STARTS = {
     "CL_alpha": 4.0,
     "CL_q": 5.0,
@@ -56,14 +49,14 @@ nz = {column = "-IMU.AccZ / 9.80665", unit = "g"}
 
 
 def vehicle_text() -> str:
-    """The vehicle file of the flying wing, whose starting values are up to 30 % off."""
+    """Return the vehicle file of the flying wing, whose starting values are up to 30 % off."""
     lines = ['name = "flying wing"', *(f"{name} = {value}" for name, value in CONSTANTS.items())]
     return "\n".join([*lines, "[derivatives]", *(f"{n} = {v}" for n, v in STARTS.items())]) + "\n"
 
 
 @cache
 def flights() -> tuple[Record, Record]:
-    """The two flights: time s, elevator, alpha and q in radians, nz in g from trim."""
+    """Return the two flights: time s, elevator, alpha and q in radians, nz in g from trim."""
     from sim.maneuvers import doublet, sequence, three_two_one_one
 
     first = [three_two_one_one(0.06, 0.24), doublet(-0.05, 0.4), doublet(0.05, 0.2)]
@@ -93,13 +86,13 @@ def _flown(maneuver: Maneuver, seed: int) -> Record:
 
 
 def example() -> tuple[tuple[str, bytes], ...]:
-    """The two logs: name and content."""
+    """Return the two logs: name and content."""
     first, second = flights()
     return ("00000041.BIN", dataflash(first)), ("00000042.BIN", dataflash(second))
 
 
 def dataflash(record: Record) -> bytes:
-    """A flight as a DataFlash log of the messages IMU, AOA and RCOU.
+    """Return a flight as a DataFlash log of the messages IMU, AOA and RCOU.
 
     Angles of attack are degrees, rates rad/s, accelerations m/s2, and the two elevons whole
     microseconds of their servos' pulses.
@@ -138,7 +131,7 @@ def dataflash(record: Record) -> bytes:
 
 
 def _declared(kind: int, name: str, form: str, columns: list[str]) -> bytes:
-    """A message FMT: number, length, name, format and columns of a kind of message."""
+    """Return a message FMT: number, length, name, format and columns of a kind of message."""
     sizes = {"Q": 8, "B": 1, "H": 2, "f": 4, "n": 4, "N": 16, "Z": 64}
     length = 3 + sum(sizes[letter] for letter in form)
     head = b"\xa3\x95" + bytes([128])
@@ -147,7 +140,7 @@ def _declared(kind: int, name: str, form: str, columns: list[str]) -> bytes:
 
 
 def _packed(kind: int, form: str, columns: dict[str, np.ndarray]) -> list[bytes]:
-    """The messages of one kind, one a sample."""
+    """Return the messages of one kind, one a sample."""
     whole = {
         name: values if letter == "f" else np.round(values).astype(np.int64)
         for letter, (name, values) in zip(form, columns.items(), strict=True)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flightid.labs.workings.trying import row_of, sigmas_off, tried
+from flightid.labs.workings import row_of, sigmas_off, tried
 
 if TYPE_CHECKING:
     from scenarios.studies.study import StudyResult
@@ -80,17 +80,13 @@ def numbers(
     }
 
 
-def longest_unit(limit: float, amplitude: float = 6.0) -> float:
-    """Return the longest unit (s) whose 3-2-1-1 keeps alpha within ``limit`` (deg).
+def longest_unit(limit: float) -> float:
+    """Return the longest unit (s) whose 3-2-1-1 of 6 deg keeps alpha within ``limit`` (deg).
 
     Units from 0.1 to 1.2 s are simulated, in steps of 0.1 s.
     """
     units = [0.1 * step for step in range(1, 13)]
-    kept = [
-        unit
-        for unit in units
-        if largest_alpha(study(changes(amplitude=amplitude, unit=round(unit, 1)))) <= limit
-    ]
+    kept = [unit for unit in units if largest_alpha(study(changes(unit=round(unit, 1)))) <= limit]
     return round(max(kept), 1)
 
 
@@ -99,6 +95,6 @@ def tuned_doublet(frequency: float) -> float:
     return PEAK_OF_DOUBLET / frequency
 
 
-def sigma_ratio(first: tuple[str, ...], second: tuple[str, ...], name: str = "Cm_alpha") -> float:
-    """Return the sigma of a parameter with the second changes over that with the first."""
-    return row_of(study(second).main, name).std / row_of(study(first).main, name).std
+def sigma_ratio(first: tuple[str, ...], second: tuple[str, ...]) -> float:
+    """Return the sigma of Cm_alpha with the second changes over that with the first."""
+    return row_of(study(second).main, "Cm_alpha").std / row_of(study(first).main, "Cm_alpha").std

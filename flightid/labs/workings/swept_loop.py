@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from flightid.labs.workings.trying import KEPT
+from flightid.labs.workings import KEPT
 
 if TYPE_CHECKING:
     from scenarios.responses.analysis import ResponseEstimates

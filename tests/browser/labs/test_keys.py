@@ -113,7 +113,7 @@ def test_answers_that_are_computed_are_those_of_the_keys() -> None:
 
 
 def test_output_error_on_the_falls_of_lab_1_is_what_its_page_says() -> None:
-    from flightid.labs.workings.trying import repeated
+    from flightid.labs.workings import repeated
 
     (line,) = (
         line.strip()

@@ -16,7 +16,7 @@ import pytest
 
 from ident.statistics.intervals import determination
 from ident.whole_record.layout import weighted_sensitivities
-from scenarios.side_by_side.comparison import read_responses
+from scenarios.side_by_side import read_responses
 from scenarios.studies.catalogue import load_scenario
 from scenarios.studies.comparison import comparison
 from scenarios.studies.estimating import (

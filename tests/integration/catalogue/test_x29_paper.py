@@ -18,7 +18,7 @@ from rich.console import Console
 from ident.banks.bank import filter_alone
 from ident.banks.delays import DELAYS
 from scenarios.report.terminal import show_blocks
-from scenarios.side_by_side.comparison import read_columns
+from scenarios.side_by_side import read_columns
 from scenarios.x29.declaration import METHODS, printed_column, printed_correlation, printed_noise
 from scenarios.x29.estimating import single_pass_restarts
 from scenarios.x29.files import write_loop

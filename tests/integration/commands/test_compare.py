@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.diagnosis.report.content import SCHEMA
-from scenarios.side_by_side.comparison import read_responses
+from scenarios.diagnosis.text import SCHEMA
+from scenarios.side_by_side import read_responses
 from tests.integration.command_line import CommandLine, contents
 
 NAMES = ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from flightid.labs.workings.trying import close, command
+from flightid.labs.workings import close, command
 from scenarios.cli.libraries import lab_files, title_of
 from tests.integration.command_line import CommandLine
 

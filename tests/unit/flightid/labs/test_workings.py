@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flightid.labs.workings import flexibility, honest_sigmas, short_period
+from flightid.labs.workings import flexibility, honest_sigmas, residuals, short_period, sigmas_off
 from flightid.labs.workings.augmented import bare_airframe, doubling_time
-from flightid.labs.workings.trying import residuals, sigmas_off
 from scenarios.studies.declaration import Row
 from sim.record import Channel, Record
 from sim.vehicles.library import read_parameter_set

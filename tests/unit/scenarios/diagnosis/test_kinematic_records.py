@@ -24,8 +24,8 @@ from scenarios.diagnosis.kinematics import (
     right_clock,
     unnamed,
 )
-from scenarios.diagnosis.report.tables import kinematics_content, kinematics_lines
-from scenarios.diagnosis.report.wording import Wording
+from scenarios.diagnosis.tables import kinematics_content, kinematics_lines
+from scenarios.diagnosis.wording import Wording
 from sim.effects.library import effects_for
 from sim.maths import G0
 from sim.record import Channel, Record

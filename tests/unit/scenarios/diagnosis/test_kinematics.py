@@ -21,7 +21,7 @@ from ident.compatibility.trials import (
 )
 from ident.compatibility.trials import FaultQuantity as Value
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
-from scenarios.compatibility.check import check_files
+from scenarios.compatibility import check_files
 from scenarios.diagnosis.kinematics import (
     AGREES,
     CONTRADICTS,
@@ -38,10 +38,9 @@ from scenarios.diagnosis.kinematics import (
     spread,
     unnamed,
 )
-from scenarios.diagnosis.report.content import diagnosis_content
-from scenarios.diagnosis.report.tables import kinematics_lines
-from scenarios.diagnosis.report.text import diagnosis_text
-from scenarios.diagnosis.report.wording import Wording
+from scenarios.diagnosis.tables import kinematics_lines
+from scenarios.diagnosis.text import diagnosis_content, diagnosis_text
+from scenarios.diagnosis.wording import Wording
 from scenarios.files.measured.columns import read_record_files
 from scenarios.files.vehicles import read_any_vehicle
 from scenarios.files.writing import json_text, write_record

@@ -11,15 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
-from scenarios.diagnosis.report.tables import candidates_table, few_candidates, move_cell, moved
-from scenarios.diagnosis.report.text import (
+from scenarios.diagnosis.tables import candidates_table, few_candidates, move_cell, moved
+from scenarios.diagnosis.text import (
     diagnosis_text,
     headline,
     verdict_advice,
     where_predicted,
     wording_of,
 )
-from scenarios.diagnosis.report.wording import (
+from scenarios.diagnosis.wording import (
     Wording,
     group_sentence,
     kind_of_predicted,

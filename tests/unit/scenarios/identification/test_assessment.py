@@ -19,11 +19,13 @@ from scenarios.identification.identify import identify
 from scenarios.identification.report import (
     bound_lines,
     constraints_content,
+    estimated_noise,
     fits_content,
     fits_table,
     interval_sentences,
     intervals_content,
     intervals_table,
+    noise_phrase,
 )
 from scenarios.preparation.declared_model import model_of_file
 from scenarios.preparation.recording import isolated_outliers
@@ -282,3 +284,24 @@ def test_a_record_shorter_than_a_period_of_the_motion_has_a_caution() -> None:
     (caution,) = too_short([part], system)
     assert "shorter than a period of the motion" in caution
     assert too_short([case.record], system) == too_short([part, case.record], system) == ()
+
+
+def test_sensor_noise_is_told_apart_from_what_the_model_misses() -> None:
+    case = case_of("own", 3)
+    found = identify(case.record, case.vehicle, "output-error")
+    assert estimated_noise(found) == {} and noise_phrase(found) == ""
+    (fit,) = found.fits
+    row, channel = fit.outputs.index("p"), fit.record["p"]
+    noise = float(np.std(channel.values - fit.simulated[row]))
+    missed = fit.simulated.copy()
+    missed[row] += 3.0 * noise * np.sin(np.linspace(0.0, 20.0, len(fit.record)))
+    failed = tuple(
+        replace(test, p_value=1e-12) if test.channel == "p" else test for test in found.tests
+    )
+    coloured = replace(found, fits=(replace(fit, simulated=missed),), tests=failed)
+    assert set(estimated_noise(coloured)) == {"p"} and estimated_noise(coloured)[
+        "p"
+    ] == pytest.approx(noise, rel=0.15)
+    assert noise_phrase(coloured).startswith(
+        "sensor noise (estimated from high frequencies, 1 sigma): p "
+    )

@@ -9,11 +9,8 @@ from ident.filters.problem import filter_problem
 from scenarios.identification.low_order import (
     ENGINEERING_STD,
     PAPER_START,
-    about_trim,
     loes_filter_system,
 )
-from sim.errors import RecordError
-from sim.record import Channel, Record
 from sim.vehicles.factory import model_from_constants
 from tests import loes_problem as problem
 from tests.bases import LOES_CONSTANTS
@@ -43,17 +40,3 @@ def test_fourteen_states_with_the_papers_variances() -> None:
         dict(zip(laid_out.names, laid_out.density, strict=True))["q"] == 1e-6
         and np.count_nonzero(laid_out.density) == 1
     )
-
-
-def test_total_angles_become_perturbations_about_trim() -> None:
-    flown = problem.record(2, duration=3.0, gaps=True)
-    outputs = tuple(Channel.of(c.name, c.unit, c.with_gaps() + 0.07) for c in flown.outputs)
-    inputs = tuple(Channel.of(c.name, c.unit, c.values + 0.2) for c in flown.inputs)
-    moved = about_trim(Record(flown.time, inputs, outputs), 0.9)
-    np.testing.assert_allclose(moved["stick"].values, flown["stick"].values, atol=1e-12)
-    shift = moved["alpha"].values - flown["alpha"].values
-    assert np.ptp(shift[flown["alpha"].valid]) < 1e-12 and abs(shift[0]) < 0.001
-    np.testing.assert_array_equal(moved["q"].valid, flown["q"].valid)
-    np.testing.assert_allclose(moved["nz"].values[:40], flown["nz"].values[:40] + 0.07)
-    with pytest.raises(RecordError, match="no sample up to -1 s"):
-        about_trim(flown, -1.0)

@@ -21,9 +21,8 @@ from scenarios.diagnosis.diagnose import deciding_maneuver
 from scenarios.files.records import read_record
 from scenarios.maneuver_design.design import DesignResult, design
 from scenarios.maneuver_design.limits import ACTUATOR_RATE, PILOT, no_faster, offset_of
-from scenarios.maneuver_design.report import MAIN, design_text, write_design
+from scenarios.maneuver_design.report import MAIN, design_text, maneuvers_table, write_design
 from scenarios.maneuver_design.setting import DesignRequest, setting_of
-from scenarios.maneuver_design.tables import maneuvers_table
 from scenarios.preparation.plan import Request
 from scenarios.report.figure_formats import caption_of
 from sim.errors import DeclarationError

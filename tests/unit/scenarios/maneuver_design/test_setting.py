@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from scenarios.identification.model_checks import PULSE_LENGTH_FACTOR
-from scenarios.maneuver_design import report
+from scenarios.maneuver_design import report as report
 from scenarios.maneuver_design.design import used_shares
 from scenarios.maneuver_design.limits import (
     ACTUATOR_RATE,

@@ -11,18 +11,18 @@ from matplotlib.figure import Figure
 
 from ident.estimate import Outcome
 from ident.flying_qualities.stability_margins import NORMAL_HALF_WIDTH
+from scenarios.plots.comparisons import (
+    ComparisonRow,
+    EquivalentRow,
+    figure_comparison,
+    figure_equivalents,
+)
 from scenarios.plots.display import SIMULATED_DATA, course, sound_samples
 from scenarios.plots.estimates import (
     figure_correlation,
     figure_innovations,
     figure_parameter_histories,
     figure_poles,
-)
-from scenarios.plots.residuals import (
-    ComparisonRow,
-    EquivalentRow,
-    figure_comparison,
-    figure_equivalents,
 )
 from scenarios.plots.signals import (
     MethodOutputs,

@@ -11,18 +11,24 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from ident.tracing.diagnosis import Candidate, FittedRecord, Quantity, Verdict
-from scenarios.plots.display import NamedEffects, Replicated, reason
-from scenarios.plots.drawing import figure_png
-from scenarios.plots.residuals import (
+from scenarios.plots.display import (
+    NamedEffects,
+    Replicated,
     coherence_level,
-    figure_held_out,
-    figure_residuals,
-    figure_spectra,
     input_coherence,
+    reason,
     spectrum,
 )
+from scenarios.plots.drawing import figure_png
 from scenarios.plots.style import BLUE
-from scenarios.plots.tracing import figure_derivatives, figure_evidence, figure_replication
+from scenarios.plots.tracing import (
+    figure_derivatives,
+    figure_evidence,
+    figure_held_out,
+    figure_replication,
+    figure_residuals,
+    figure_spectra,
+)
 from tests.diagnoses import BALLISTIC, NOISE, tracing_of
 
 

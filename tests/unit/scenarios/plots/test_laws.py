@@ -12,8 +12,13 @@ import pytest
 from matplotlib.figure import Figure
 
 from ident.tracing.diagnosis import Verdict
-from scenarios.diagnosis.report.files import figures_of, pictured
-from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
+from scenarios.diagnosis.files import figures_of, pictured
+from scenarios.plots.comparisons import (
+    figure_studies_errors,
+    figure_studies_estimates,
+    figure_studies_responses,
+)
+from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA, StudyResponses, StudyValue
 from scenarios.plots.low_order import (
     Bar,
     LikelihoodCurve,
@@ -21,11 +26,6 @@ from scenarios.plots.low_order import (
     figure_peaks,
     figure_side_by_side,
     figure_states,
-)
-from scenarios.plots.side_by_side import (
-    figure_studies_errors,
-    figure_studies_estimates,
-    figure_studies_responses,
 )
 from scenarios.plots.studies import (
     Coverage,
@@ -39,7 +39,6 @@ from scenarios.plots.studies import (
     figure_squares,
 )
 from scenarios.plots.style import make_sheet
-from scenarios.side_by_side.comparison import StudyResponses, Value
 from tests.diagnoses import BALLISTIC, LOES, spread_tracing, tracing_of
 from tests.figure_laws import broken_laws, words
 from tests.unit.scenarios.plots.conftest import Study
@@ -76,12 +75,12 @@ def _responses() -> Figure:
     return figure_studies_responses(studies, ["alpha"], "studies side by side")
 
 
-COLUMNS: Mapping[str, list[Value | None]] = {
+COLUMNS: Mapping[str, list[StudyValue | None]] = {
     "Cm_q": [
-        Value(-33.0, 1.0, "1/rad", -34.0, -32.0, (-20.0, 6.0)),
-        Value(-60.0, 2.0, "1/rad", -34.0),
+        StudyValue(-33.0, 1.0, "1/rad", -34.0, -32.0, (-20.0, 6.0)),
+        StudyValue(-60.0, 2.0, "1/rad", -34.0),
     ],
-    "natural_frequency": [Value(4.1, 0.1, "rad/s", 4.2), None],
+    "natural_frequency": [StudyValue(4.1, 0.1, "rad/s", 4.2), None],
 }
 UNITS = {"Cm_q": "1/rad", "natural_frequency": "rad/s"}
 BARS = {

@@ -17,17 +17,17 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from scenarios.plots.comparisons import (
+    ComparisonRow,
+    EquivalentRow,
+    figure_comparison,
+    figure_equivalents,
+)
 from scenarios.plots.drawing import figure_pdf, figure_png, figure_svg, page_svg, save_figure
 from scenarios.plots.estimates import (
     figure_correlation,
     figure_innovations,
     figure_parameter_histories,
-)
-from scenarios.plots.residuals import (
-    ComparisonRow,
-    EquivalentRow,
-    figure_comparison,
-    figure_equivalents,
 )
 from scenarios.plots.signals import (
     MethodOutputs,
@@ -213,7 +213,7 @@ def test_formats_from_python() -> None:
 PROBE = """
 import hashlib, sys
 import numpy as np
-from scenarios.plots.residuals import ComparisonRow, figure_comparison
+from scenarios.plots.comparisons import ComparisonRow, figure_comparison
 from scenarios.plots.drawing import figure_png
 import scenarios.plots.signals, scenarios.plots.estimates, scenarios.plots.estimates, scenarios.plots.estimates, scenarios.plots.signals
 png = figure_png(figure_comparison([ComparisonRow("CL_alpha", 2.9, 2.8, 0.1, 9.0, 0.1)], "One"))

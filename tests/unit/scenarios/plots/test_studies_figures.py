@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 
-from scenarios.plots.side_by_side import (
+from scenarios.plots.comparisons import (
     CLIPPED_PERCENT,
     figure_studies_errors,
     figure_studies_estimates,
     figure_studies_responses,
 )
+from scenarios.plots.display import StudyResponses, StudyValue
 from scenarios.plots.studies import (
     CriterionCourse,
     DerivativeCourse,
@@ -22,11 +23,10 @@ from scenarios.plots.studies import (
     figure_determination,
     figure_flexibility,
 )
-from scenarios.side_by_side.comparison import StudyResponses, Value
 
-ROWS: dict[str, list[Value | None]] = {
-    "CL_alpha": [Value(2.9, 0.1, "1/rad", 3.0, None, (3.4, 0.05)), None],
-    "Cm_q": [Value(-30.0, 1.0, "1/rad", -33.0, -31.0), Value(-60.0, 2.0, "1/rad", -33.0)],
+ROWS: dict[str, list[StudyValue | None]] = {
+    "CL_alpha": [StudyValue(2.9, 0.1, "1/rad", 3.0, None, (3.4, 0.05)), None],
+    "Cm_q": [StudyValue(-30.0, 1.0, "1/rad", -33.0, -31.0), StudyValue(-60.0, 2.0, "1/rad", -33.0)],
 }
 
 

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Verdict
-from scenarios.diagnosis.report.text import details_text, diagnosis_summary, diagnosis_text
+from scenarios.diagnosis.text import details_text, diagnosis_summary, diagnosis_text
 from scenarios.report.summary import (
     Summary,
     details_in,

@@ -6,6 +6,8 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,7 +18,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from ident.tracing.diagnosis import Verdict
-from scenarios.diagnosis.report.text import diagnosis_text
+from scenarios.diagnosis.text import diagnosis_text
 from scenarios.report.summary import (
     WIDTH,
     TableColumn,
@@ -98,12 +100,15 @@ def test_what_is_printed_is_read_back_and_every_number_is_whole(
     assert on_console(width, "", columns) == lines
 
 
+def rounds(rows: Sequence[tuple[str, str, str, str]]) -> list[TableColumn]:
+    """Return columns of a table of rounds, whose last column holds words."""
+    *first, remarks = columns_of(("round", "candidate", "gain", "remarks"), rows, 2)
+    return [*first, replace(remarks, left=True)]
+
+
 def test_a_table_that_fits_is_one_block_with_numbers_at_the_right() -> None:
     rows = [("1", "sensor-lag:alpha", "420.0", "like vane-offset"), ("2", "saturation", "9.3", "")]
-    lines = table_lines(
-        columns_of(("round", "candidate", "gain", "remarks"), rows, 2, ("remarks",)),
-        title="a title [1]",
-    )
+    lines = table_lines(rounds(rows), title="a title [1]")
     assert lines[0] == "a title [1]" and len(lines) == 5
     assert lines[3].index("420.0") + 5 == lines[4].index("9.3") + 3, "numbers end in one column"
     assert lines[3].index("sensor") == lines[4].index("saturation")
@@ -116,9 +121,7 @@ def test_a_name_longer_than_its_column_is_parted_behind_a_colon_or_a_hyphen() ->
         ("1", "guard:drifting-derivatives:side_force", "7.0", "x" * 40),
         ("2", "a", "8.0", "b c d " * 9),
     ]
-    lines = table_lines(
-        columns_of(("round", "candidate", "gain", "remarks"), rows, 2, ("remarks",)), width=85
-    )[2:]
+    lines = table_lines(rounds(rows), width=85)[2:]
     assert [line.split()[:2] for line in lines[:2]] == [
         ["1", "guard:drifting-derivatives:"],
         ["side_force"],

@@ -6,11 +6,13 @@ import csv
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from ident.banks.delays import likelihood_weights
+from ident.banks.delays import DELAYS, likelihood_weights
 from ident.banks.online import Rows, advance, begin, online_bank
 from scenarios.watching.session import WatchStep
-from scenarios.watching.study import columns, lines
+from scenarios.watching.study import columns, lines, nearest
 from tests import loes_problem as problem
 
 
@@ -57,3 +59,27 @@ def test_a_row_has_means_sigmas_and_weights_of_the_state_after_it() -> None:
             assert float(row[f"{name}_spread"]) == pytest.approx(spread[number])
         shown = [row[f"innovation_{name}"] for name in ("alpha", "q", "nz")]
         assert [float(cell) for cell in shown] == pytest.approx(state.innovation, rel=1e-3)
+
+
+GRID = np.array(DELAYS)
+
+
+@given(st.floats(0.0, 0.2), st.floats(1e-4, 0.05))
+def test_weights_are_the_probabilities_that_a_delay_is_the_nearest(
+    value: float, std: float
+) -> None:
+    weights = nearest(GRID, value, std)
+    assert weights.sum() == pytest.approx(1.0) and np.all(weights >= 0.0)
+    # Seen in a mirror the weights are in the other order.
+    np.testing.assert_allclose(
+        nearest(0.2 - GRID[::-1], 0.2 - value, std)[::-1], weights, atol=1e-9
+    )
+
+
+def test_weights_are_those_that_are_counted() -> None:
+    value, std, drawn = 0.107, 0.012, np.random.default_rng(1)
+    at = np.argmin(np.abs(value + std * drawn.standard_normal(100_000)[:, None] - GRID), axis=1)
+    np.testing.assert_allclose(
+        nearest(GRID, value, std), np.bincount(at, minlength=len(GRID)) / 100_000, atol=0.006
+    )
+    assert nearest(GRID, 0.05, 0.0).tolist() == [0.0, 0.0, 1.0, *[0.0] * 6]

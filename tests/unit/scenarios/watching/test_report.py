@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from scenarios.report.document import Table
-from scenarios.watching.reference import against
+from scenarios.report.terminal import cell_text
+from scenarios.watching.reference import against, delay_tables
 from scenarios.watching.show import spectral_page
 
 
@@ -71,3 +73,25 @@ def test_a_page_in_the_frequency_domain_shows_every_difference() -> None:
         ("damping ratio", "outside"),
         ("Cm_q", ""),
     ]
+
+
+def texts(table: Table) -> list[list[str]]:
+    return [[cell_text(cell) for cell in row] for row in table.rows]
+
+
+def test_the_page_shows_the_refined_delays_of_the_terminal_and_names_those_of_the_bank() -> None:
+    """The page had the bank's likelihoods alone, beside other probabilities in the terminal."""
+    bank = {
+        "delays": np.array([0.125, 0.15]),
+        "weights": np.array([1.0, 1.5e-24]),
+        "refined": np.array([0.2606, 0.7394]),
+    }
+    refined, plain = delay_tables({"bank": bank})
+    assert isinstance(refined, Table) and isinstance(plain, Table)
+    assert texts(refined) == [["125", "0.26"], ["150", "0.74"]]
+    assert "refined estimate, as the terminal prints it" in refined.caption
+    assert texts(plain) == [["125", "1.00"], ["150", "0.00"]]
+    assert plain.caption.startswith("Before the refinement")
+    del bank["refined"]
+    (alone,) = delay_tables({"bank": bank})
+    assert isinstance(alone, Table) and "refine" not in alone.caption

@@ -11,30 +11,28 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from scenarios.x29.loop import (
+from scenarios.x29.open_margins import (
+    AIRFRAMES,
     CHI_SQUARE_95,
+    EVERYTHING,
     MATCHED,
+    OPEN,
     Beginning,
+    MarginDesign,
+    OpenMargins,
     PrintedTarget,
     beginning,
     changed,
     equivalent_of,
     has_equivalent,
-    match,
-    targets,
-)
-from scenarios.x29.open_margins import (
-    AIRFRAMES,
-    EVERYTHING,
-    OPEN,
-    MarginDesign,
-    OpenMargins,
     hypercube,
     loop_at_values,
     margins_content,
     margins_sentence,
+    match,
     open_margins,
     simulated_loop,
+    targets,
     values_at,
 )
 from sim.closed_loop.airframe import load_x29

@@ -14,7 +14,7 @@ from ident.compatibility.fitting import reduced_whitener
 from ident.compatibility.kinematics import ARM, BOOM, PACKAGE, SCALE, SensorFault
 from ident.compatibility.trials import Compatibility, CompatibilitySettings
 from ident.tracing.diagnosis import Claim, Quantity
-from scenarios.compatibility.report import odds
+from scenarios.compatibility_report import odds
 from scenarios.diagnosis.kinematics import AGREES, Kinematics, agreements
 from sim.errors import RecordError
 from sim.record import Channel, Record
