@@ -9,8 +9,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
-from sim.effects.instances import STEADY_FLIGHT
-from sim.effects.loads import weight_lift
+from sim.effects.instances import STEADY_FLIGHT, ProbedAtAbsence, WithoutStates
 from sim.maths import G0
 
 SPEED = "phugoid_speed"  # state
@@ -26,6 +25,39 @@ PLAUSIBLE = {  # Plausible ranges: three to five sigmas of the prior.
 LEAST_ATTITUDE_OF_SPEED_CHANGE = 0.01
 # Trial attitudes, rad; few suffice, since the speed is almost linear in the attitude.
 TRIED = (0.0, -0.12, -0.03, 0.03, 0.12)
+
+
+def weight_lift(
+    change: Any, vehicle: Any, airspeed_change: Any = 0.0, density_change: Any = 0.0
+) -> Any:
+    """Return the increment of the port ``lift`` by a change of the airspeed at trim.
+
+    The lift that carries the weight follows the dynamic pressure qbar, with surfaces and attitude
+    at trim. About level flight nz gains qbar/qbar_0 - 1 and alpha_dot loses (g/V) (qbar/qbar_0 -
+    1), where V is the changed airspeed and qbar_0 the pressure at the declared airspeed and
+    density. In equations with a mass the port is a coefficient, and its increment m g0/S (1/qbar_0
+    - 1/qbar). In equations with a dimensional lift it is the change of alpha_dot, 1/s, negative for
+    a faster aircraft.
+
+    Parameters
+    ----------
+    change : change of the airspeed, m/s, in addition to ``airspeed_change``.
+    vehicle : constants of the equations.
+    airspeed_change, density_change : m/s and kg/m3, values of the ports of these names; their lift
+        is not part of the result.
+    """
+    V = vehicle.airspeed + airspeed_change
+    if hasattr(vehicle, "mass"):
+        density = vehicle.air_density
+        loading = 2.0 * vehicle.mass * G0 / (vehicle.wing_area * (density + density_change))
+        # The share of qbar_0 drops out: m g0/S (1/qbar_before - 1/qbar_after).
+        return loading * (1.0 / (V * V) - 1.0 / ((V + change) * (V + change)))
+    return _excess(V, vehicle) - _excess(V + change, vehicle)
+
+
+def _excess(V: Any, vehicle: Any) -> Any:
+    """Return (g/V) (qbar/qbar_0 - 1), 1/s, at constant density."""
+    return vehicle.gravity / V * (V * V / (vehicle.airspeed * vehicle.airspeed) - 1.0)
 
 
 @dataclass(frozen=True)
@@ -171,7 +203,7 @@ class Phugoid:
 
 
 @dataclass(frozen=True)
-class SpeedVariation:
+class SpeedVariation(WithoutStates, ProbedAtAbsence):
     """Steady change of the airspeed: V(t) = V + ``rate`` (t - begin).
 
     V is the declared airspeed and ``rate`` is in m/s2. Dynamic pressure and non-dimensional rates
@@ -197,7 +229,6 @@ class SpeedVariation:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"rate": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
-    states: ClassVar[tuple[Signal, ...]] = ()
     traits: ClassVar[Traits] = Traits(
         sentences=("the airspeed changes by {rate}",),
         short_name="changing airspeed",
@@ -234,16 +265,9 @@ class SpeedVariation:
             "lift": weight_lift(change, vehicle, s.airspeed_change, density),
         }
 
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
-
     def fitted_to(self, context: SearchContext) -> SpeedVariation:
         """Return the effect with the declared airspeed at the begin of the record."""
         return replace(self, begin=context.begin)
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the slope at absence."""
-        return (Probe(self.absent, ("rate",)),)
 
 
 VARIANTS: tuple[Traceable, ...] = (Phugoid(), SpeedVariation(), SpeedVariation(weight=False))

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from sim.declaration.effect import Effect, Parameter, Regularity, Signal, Station
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
-from sim.effects.instances import labelled, load_ports
+from sim.effects.instances import WithoutStates, labelled, load_ports
 from sim.effects.loads import (
     LOADS,
     USUAL_SUB_STEP,
@@ -25,7 +25,7 @@ DURATIONS = (0.3, 0.7, 1.5, 3.0, 6.0)  # s, pulses that a search tries
 
 
 @dataclass(frozen=True)
-class UnmeasuredInput(SizedOnPorts):
+class UnmeasuredInput(SizedOnPorts, WithoutStates):
     """An unmeasured load: a pulse of lift and moment from ``start`` on for ``duration``, s.
 
     ``lift`` and ``moment`` are coefficients on the rigid aircraft, and 1/s of alpha_dot and 1/s2 on
@@ -54,7 +54,6 @@ class UnmeasuredInput(SizedOnPorts):
     station: ClassVar[Station] = Station.DISTURBANCE
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ("lost-rows",)
-    states: ClassVar[tuple[Signal, ...]] = ()
 
     @property
     def explanation(self) -> str:
@@ -110,9 +109,6 @@ class UnmeasuredInput(SizedOnPorts):
         if not self.lasting:
             share = share - risen(s.time, p.start + p.duration, self.width)
         return {port: share * getattr(p, port) for port in self.ports}
-
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
 
     def fitted_to(self, context: SearchContext) -> UnmeasuredInput:
         """Return the effect with edges of one sub-step of the record."""

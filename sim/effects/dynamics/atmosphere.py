@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Parameter, Regularity, Signal, Station
-from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
-from sim.effects.instances import ANOTHER_FALL
+from sim.declaration.effect import Parameter, Regularity, Station
+from sim.declaration.proposal import SearchContext, Traceable, Traits
+from sim.effects.instances import ANOTHER_FALL, ProbedAtAbsence, WithoutStates
 from sim.maths import Shapes, absolute, asinh, combine, maximum, natural_shapes, shape_names, sqrt
 
 
 @dataclass(frozen=True)
-class DensityScaleHeight:
+class DensityScaleHeight(WithoutStates, ProbedAtAbsence):
     """Scale height of the density: rho = rho0 exp(-altitude / (H (1 + change))).
 
     H and rho0 are the declared values; ``change`` is a share of H. The effect acts on the logarithm
@@ -32,7 +32,6 @@ class DensityScaleHeight:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"change": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
-    states: ClassVar[tuple[Signal, ...]] = ()
     traits: ClassVar[Traits] = Traits(
         sentences=(
             "the air density falls off with a scale height {change_change} {change_direction} than "
@@ -55,13 +54,6 @@ class DensityScaleHeight:
             "log_drag": s.altitude * p.change / (vehicle.density_scale_height * (1.0 + p.change))
         }
 
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the slope at absence."""
-        return (Probe(self.absent, ("change",)),)
-
 
 DRAG_RISE_MACH = 1.1  # Mach number about which drag changes most
 DRAG_RISE_HALF_WIDTH = 0.25  # half width of that range, Mach
@@ -74,7 +66,7 @@ SPEED_PER_ROOT = math.sqrt(1.4 * 287.053)  # (m/s)/sqrt(K): air as a perfect gas
 
 
 @dataclass(frozen=True)
-class DragMach:
+class DragMach(WithoutStates, ProbedAtAbsence):
     """Drag that depends on the Mach number M: log drag += f(M).
 
     f is a natural cubic spline over ``[low, high]`` with f = 0 at ``low``, so that beta is the
@@ -100,7 +92,6 @@ class DragMach:
     needs_constants: ClassVar[tuple[str, ...]] = ("beta",)
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ("density-scale-height",)
-    states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (
         "The drag coefficient is no constant: near the speed of sound shock waves raise it, faster "
         "still it falls again. Drag = exp(f(M)) * 0.5 rho v^2 / beta, f a smooth curve of the Mach "
@@ -145,9 +136,6 @@ class DragMach:
             )
         }
 
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
-
     def fitted_to(self, context: SearchContext) -> DragMach:
         """Return the effect over the Mach numbers of the record.
 
@@ -171,10 +159,6 @@ class DragMach:
     def finer(self) -> DragMach:
         """Return the refined form, with five more shapes."""
         return replace(self, fine=True)
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the slopes by all shapes at absence."""
-        return (Probe(self.absent, shape_names(self.fine, flat=False)),)
 
 
 def _speed_of_sound(altitude: Any) -> Any:

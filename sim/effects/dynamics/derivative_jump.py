@@ -11,7 +11,6 @@ from sim.aerodynamics import AS_TERM, parse_term
 from sim.declaration.effect import (
     Parameter,
     Regularity,
-    Signal,
     Station,
     constants_needed,
     ports_needed,
@@ -19,7 +18,7 @@ from sim.declaration.effect import (
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.declaration.user_equations import OwnEquations
-from sim.effects.instances import ANOTHER_FALL, labelled
+from sim.effects.instances import ANOTHER_FALL, WithoutStates, labelled
 from sim.effects.loads import SLOW_WIDTH, USUAL_SUB_STEP, edge_width, risen
 from sim.maths import log
 
@@ -208,7 +207,7 @@ def _lateral(axis: str, size: float, largest: float) -> tuple[Change, ...]:
 
 
 @dataclass(frozen=True)
-class DerivativeJump:
+class DerivativeJump(WithoutStates):
     """Jump of derivatives: from ``time`` (s) on some are larger by given amounts.
 
     The moment gains the sum of changes times their signals, and so does the lift. The amounts have
@@ -234,7 +233,6 @@ class DerivativeJump:
     station: ClassVar[Station] = Station.DYNAMICS
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ()
-    states: ClassVar[tuple[Signal, ...]] = ()
 
     @property
     def explanation(self) -> str:
@@ -288,9 +286,6 @@ class DerivativeJump:
         }
         return {port: share * load for port, load in added.items()}
 
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
-
     def fitted_to(self, context: SearchContext) -> DerivativeJump:
         """Return the effect with an edge of one sub-step of the record."""
         return replace(self, width=edge_width(context.interval))
@@ -334,7 +329,7 @@ def made_for(equations: Equations) -> tuple[Traceable, ...]:
 
 
 @dataclass(frozen=True)
-class DragJump:
+class DragJump(WithoutStates):
     """Jump of the drag: from ``time`` (s) on it is ``factor`` times as large.
 
     beta is the ballistic coefficient before. log drag += ln(1 + (factor - 1) e), where the edge e
@@ -353,7 +348,6 @@ class DragJump:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"factor": 1.0})
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ()
-    states: ClassVar[tuple[Signal, ...]] = ()
     traits: ClassVar[Traits] = Traits(
         sentences=("the drag is multiplied by {factor} from {time} on",),
         separating={"sensor-scale": ANOTHER_FALL},
@@ -371,9 +365,6 @@ class DragJump:
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {"log_drag": log(1.0 + risen(s.time, p.time, self.width) * (p.factor - 1.0))}
-
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
 
     def fitted_to(self, context: SearchContext) -> DragJump:
         """Return the effect with an edge that sub-steps of the record resolve."""

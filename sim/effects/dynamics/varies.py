@@ -9,7 +9,7 @@ equals an effect with a name of its own is not made; ``other_names`` has its nam
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -27,24 +27,43 @@ from sim.aerodynamics import (
 from sim.declaration.effect import (
     Parameter,
     Regularity,
-    Signal,
     Station,
     constants_needed,
     ports_needed,
 )
 from sim.declaration.model import Equations, Multiplying
-from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.declaration.proposal import SearchContext, Traceable, Traits
 from sim.declaration.user_equations import OwnEquations
 from sim.effects.dynamics.atmosphere import DensityScaleHeight, DragMach
 from sim.effects.dynamics.control_nonlinearity import CURVE_VARIANTS as CURVED_CONTROLS
 from sim.effects.dynamics.control_nonlinearity import ControlNonlinearity
 from sim.effects.dynamics.load_nonlinearity import CURVE_VARIANTS as CURVED_LOADS
-from sim.effects.instances import BEYOND_PRODUCTS, controls
-from sim.effects.loads import MULTIPLIED, LoadCurve
+from sim.effects.instances import ProbedAtAbsence, WithoutStates, controls
+from sim.effects.loads import LoadCurve
 from sim.maths import Shapes, combine, first_shapes, natural_shapes, shape_names
 
+# Signal multiplied by a derivative of the built-in models, by the suffix of its name; and the
+# suffix by signal.
+MULTIPLIED = {
+    "alpha": "alpha",
+    "q": "q",
+    "V": "airspeed",
+    "beta": "beta",
+    "p": "p",
+    "r": "r",
+    "de": "elevator",
+    "da": "aileron",
+    "dr": "rudder",
+    "delta": "delta",
+}
 # Numbers of shapes: slope and curvature; all of five intervals, as in named curves; of ten.
 FORMS = (2, 5, 10)
+# Advice: how to fly to distinguish two instances.
+BEYOND_PRODUCTS = (
+    "both signals moved far, together and one after the other: as long as a derivative grows "
+    "evenly with a signal, a record shows only the product of two signals, whichever of the two "
+    "derivatives it is"
+)
 AIRSPEED_CHANGE = "airspeed_change"  # port of a recorded airspeed minus its mean
 AIRSPEED = "airspeed"  # name of that channel
 CURVES = (*CURVED_CONTROLS, *CURVED_LOADS)
@@ -76,7 +95,7 @@ _USUAL_DIMENSIONAL = {
 
 
 @dataclass(frozen=True)
-class Varies:
+class Varies(ProbedAtAbsence):
     """A parameter that depends on a signal: ``parameter`` += f(signal).
 
     f is a natural cubic spline over ``[low, high]`` that is zero at an anchor, where the parameter
@@ -212,10 +231,6 @@ class Varies:
         """Return the next refined form, with more shapes."""
         return replace(self, count=min((n for n in FORMS if n > self.count), default=FORMS[-1]))
 
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the slopes by all shapes at absence."""
-        return (Probe(self.absent, self._names),)
-
 
 def name_of(parameter: str, signal: str) -> str:
     """Return the name of an instance, ``varies:Cm_q(alpha)``."""
@@ -333,7 +348,7 @@ SHARE = 0.1
 
 
 @dataclass(frozen=True)
-class MissingTerm:
+class MissingTerm(WithoutStates, ProbedAtAbsence):
     """A term that an aerodynamic coefficient lacks: coefficient += size term.
 
     ``size`` is per radian and of either sign; rates are non-dimensional.
@@ -352,7 +367,6 @@ class MissingTerm:
     station: ClassVar[Station] = Station.DYNAMICS
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"size": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
-    states: ClassVar[tuple[Signal, ...]] = ()
     aliases: ClassVar[tuple[str, ...]] = ()
     explanation: ClassVar[str] = (
         "The aerodynamic model lacks a term: coefficient += size * term, for example Cm += size "
@@ -389,16 +403,9 @@ class MissingTerm:
             short_name=f"{self.axis} lacks {self.term}",
         )
 
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the slope by the size at absence."""
-        return (Probe(self.absent, ("size",)),)
-
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         values = {name: getattr(s, AS_TERM + name) for name in self.parsed.signals}
         return {self.axis: p.size * self.parsed.of(values)}
-
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
 
 
 TERM_VARIANTS: tuple[Traceable, ...] = (MissingTerm("Cm", "alpha^3"),)

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
-from sim.effects.instances import all_labelled, labelled
+from sim.effects.instances import ProbedAtAbsence, WithoutStates, all_labelled, labelled
 from sim.effects.loads import LOADS, SizedOnPorts, load_parameters
 from sim.maths import absolute
 
@@ -22,7 +22,7 @@ _NO_CAUSE = (
 
 
 @dataclass(frozen=True)
-class DampingCurve(SizedOnPorts):
+class DampingCurve(SizedOnPorts, WithoutStates, ProbedAtAbsence):
     """Damping that depends on amplitude: lift += ``lift`` r |r|, moment += ``moment`` r |r|.
 
     Attributes
@@ -44,7 +44,6 @@ class DampingCurve(SizedOnPorts):
     station: ClassVar[Station] = Station.DYNAMICS
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
-    states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (
         "A generic term: damping grows with the size of the rate, CL += lift q |q| and Cm += "
         "moment q |q|, q non-dimensional; of roll and yaw "
@@ -68,16 +67,9 @@ class DampingCurve(SizedOnPorts):
         curve = rate * absolute(rate)
         return {port: getattr(p, port) * curve for port in self.ports}
 
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the slopes by both sizes at absence."""
-        return (Probe(self.absent, self.ports),)
-
 
 @dataclass(frozen=True)
-class DriftingDerivatives:
+class DriftingDerivatives(WithoutStates, ProbedAtAbsence):
     """Derivatives that drift: moment += (t - begin) (``stability`` alpha + ``control`` d), lift +=
     (t - begin) ``slope`` alpha.
 
@@ -106,7 +98,6 @@ class DriftingDerivatives:
         {"stability": 0.0, "control": 0.0, "slope": 0.0}
     )
     regularity: ClassVar[Regularity] = Regularity.REGULAR
-    states: ClassVar[tuple[Signal, ...]] = ()
     traits: ClassVar[Traits] = Traits(per_record=True, guard=True)
     explanation: ClassVar[str] = (
         "A generic term: stability, control power and lift slope grow or shrink steadily with "
@@ -140,16 +131,9 @@ class DriftingDerivatives:
         moment = p.stability * angle + p.control * getattr(s, self.control_signal)
         return {self.ports[1]: since * moment, self.ports[0]: since * p.slope * angle}
 
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
-
     def fitted_to(self, context: SearchContext) -> DriftingDerivatives:
         """Return the effect with the declared derivatives at the begin of the record."""
         return replace(self, begin=context.begin)
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the slopes by all sizes at absence."""
-        return (Probe(self.absent, tuple(self.absent)),)
 
 
 _PER_SECOND = ("1/(rad s)", "1/(rad s)", "1/(rad s)")
@@ -186,7 +170,7 @@ CHANGING_LOADS: tuple[Traceable, ...] = (
 
 
 @dataclass(frozen=True)
-class ControlDrag:
+class ControlDrag(WithoutStates, ProbedAtAbsence):
     """Elevator drag: drag += ``drag`` elevator, a total deflection; ``drag`` is CD_de, 1/rad.
 
     Both elevator drag and an axial accelerometer above or below the centre of gravity, which reads
@@ -198,7 +182,6 @@ class ControlDrag:
     station: ClassVar[Station] = Station.DYNAMICS
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
-    states: ClassVar[tuple[Signal, ...]] = ()
     needs: ClassVar[tuple[str, ...]] = ("drag",)
     needs_constants: ClassVar[tuple[str, ...]] = ("Cm_de", "reference_airspeed")
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("drag", 0.1, "1/rad"),)
@@ -213,19 +196,12 @@ class ControlDrag:
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {"drag": p.drag * s.elevator}
 
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the slope by the size at absence."""
-        return (Probe(self.absent, ("drag",)),)
-
 
 CONTROL_DRAG: tuple[Traceable, ...] = (ControlDrag(),)
 
 
 @dataclass(frozen=True)
-class DragDrift:
+class DragDrift(WithoutStates, ProbedAtAbsence):
     """Drifting drag: log drag += ``rate`` (t - begin), with ``rate`` in 1/s.
 
     ``begin`` is the time at which beta holds, s.
@@ -242,7 +218,6 @@ class DragDrift:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"rate": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ("density-scale-height", "drag-mach")
-    states: ClassVar[tuple[Signal, ...]] = ()
     traits: ClassVar[Traits] = Traits(guard=True)
     explanation: ClassVar[str] = (
         "A generic term: the drag of a falling body grows or shrinks steadily with time, drag = "
@@ -253,16 +228,9 @@ class DragDrift:
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {"log_drag": p.rate * (s.time - self.begin)}
 
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
-
     def fitted_to(self, context: SearchContext) -> DragDrift:
         """Return the effect with the declared beta at the begin of the record."""
         return replace(self, begin=context.begin)
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the slope by the size at absence."""
-        return (Probe(self.absent, ("rate",)),)
 
 
 DRAG_DRIFT: tuple[Traceable, ...] = (DragDrift(),)

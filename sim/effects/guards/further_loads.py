@@ -15,6 +15,8 @@ from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.declaration.user_equations import OwnEquations
 from sim.effects.instances import (
+    ProbedAtAbsence,
+    WithoutStates,
     all_labelled,
     controls,
     further_inputs,
@@ -184,7 +186,7 @@ MOST_COUPLED_PORTS = 2
 
 
 @dataclass(frozen=True)
-class PeriodicLoads:
+class PeriodicLoads(WithoutStates):
     """Loads at one frequency: lift += ``lift_cos`` cos(w t) + ``lift_sin`` sin(w t), moment
     likewise, where w is the ``frequency`` in rad/s.
 
@@ -209,7 +211,6 @@ class PeriodicLoads:
     station: ClassVar[Station] = Station.DYNAMICS
     regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     aliases: ClassVar[tuple[str, ...]] = ("elastic-mode",)
-    states: ClassVar[tuple[Signal, ...]] = ()
     traits: ClassVar[Traits] = Traits(per_record=True, guard=True)
 
     @property
@@ -254,9 +255,6 @@ class PeriodicLoads:
             port: getattr(p, f"{port}_cos") * even + getattr(p, f"{port}_sin") * odd
             for port in self.ports
         }
-
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Probe all sizes at the peaks of the residual's spectrum, then over a grid of
@@ -306,7 +304,7 @@ def periodic_made_for(equations: Equations) -> tuple[Traceable, ...]:
 
 
 @dataclass(frozen=True)
-class ProductLoads(SizedOnPorts):
+class ProductLoads(SizedOnPorts, WithoutStates, ProbedAtAbsence):
     """Loads by a product of two signals a and b: lift += ``lift`` a b, moment += ``moment`` a b.
 
     Attributes
@@ -330,7 +328,6 @@ class ProductLoads(SizedOnPorts):
 
     station: ClassVar[Station] = Station.DYNAMICS
     regularity: ClassVar[Regularity] = Regularity.REGULAR
-    states: ClassVar[tuple[Signal, ...]] = ()
 
     @property
     def name(self) -> str:
@@ -356,13 +353,6 @@ class ProductLoads(SizedOnPorts):
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         product = getattr(s, self.first) * getattr(s, self.second)
         return {port: getattr(p, port) * product for port in self.ports}
-
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the slopes by all sizes at absence."""
-        return (Probe(self.absent, self.ports),)
 
 
 _CONTROL = ("control-nonlinearity",)
@@ -460,7 +450,7 @@ def products_made_for(equations: Equations) -> tuple[Traceable, ...]:
 
 
 @dataclass(frozen=True)
-class VaneBehind:
+class VaneBehind(ProbedAtAbsence):
     """alpha_m = alpha + (arm/V) q, ``arm`` in m behind the centre of gravity, not negative; of
     sideslip beta_m = beta - (arm/V) r.
 
@@ -511,9 +501,6 @@ class VaneBehind:
     @property
     def traits(self) -> Traits:
         return Traits(guard=True, twins=self.aliases, equivalents=self.aliases)
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return [Probe({"arm": 0.0}, ("arm",))]
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {

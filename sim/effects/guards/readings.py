@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Parameter, Regularity, Station
-from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.declaration.proposal import Traceable, Traits
+from sim.effects.instances import ProbedAtAbsence
 
 
 @dataclass(frozen=True)
-class VaneNearControl:
+class VaneNearControl(ProbedAtAbsence):
     """A flow angle v is read as v + ``gain`` d, where d is the deflection of a control.
 
     A canard, a flap, or a surface near the vane turns the flow there. ``gain`` is in rad per unit
@@ -48,10 +49,6 @@ class VaneNearControl:
     @property
     def traits(self) -> Traits:
         return Traits(guard=True)
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the slope by the size at absence."""
-        return (Probe(self.absent, ("gain",)),)
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {self.channel: y[self.channel] + p.gain * getattr(s, self.control)}
