@@ -1,5 +1,5 @@
-"""Shared parts of effects: shifts and edges in time, the course of a gust, the reading of a
-displaced vane, added loads with their parameters by port, and smooth curves.
+"""Shared parts of effects: edges in time, the reading of a displaced vane, added loads with their
+parameters by port, and smooth curves of a load.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from sim.maths import clip, combine, natural_shapes, once_for_alike, shape_names
 
 # ---- Events at a time
 
-USUAL_SUB_STEP = 0.01  # s, one usual sub-step
-SLOW_WIDTH = 0.1  # s, for bodies tracked over minutes
+USUAL_SUB_STEP = 0.01  # s
+SLOW_WIDTH = 0.1  # s, width of an edge for bodies that are tracked over minutes
 
 
 def risen(time: Any, at: Any, width: float) -> Any:
-    """Return a step with a ramp: 0 before the time ``at``, 1 after it, s.
+    """Return a step with a ramp, from 0 before the time ``at`` to 1 after it, s.
 
     The ramp lasts ``width`` s and is centred on ``at``. If ``width`` is a multiple of the sub-step
     of an integration, the integral does not depend on the position of ``at`` between sub-steps.
@@ -41,14 +41,14 @@ def edge_width(interval: float, usual: float = USUAL_SUB_STEP) -> float:
 
 
 def at_arm(s: Any, vehicle: Any, arm: Any, rate: str, speed: str) -> Any:
-    """Return (arm/V) rate, the change of a vane's reading by rotation, rad.
+    """Return (arm/V) rate, the change of a displaced vane's reading by rotation, rad.
 
     Parameters
     ----------
     s, vehicle : signals, and constants of the equations.
     arm : distance of the vane from the centre of gravity, m.
     rate : name of the angular rate.
-    speed : name of the constant that is V if the equations have no state of airspeed.
+    speed : name of the constant that is V, for equations without a varying airspeed.
     """
     V = s.V if hasattr(s, "V") else getattr(vehicle, speed)
     return arm / V * getattr(s, rate)
@@ -57,12 +57,22 @@ def at_arm(s: Any, vehicle: Any, arm: Any, rate: str, speed: str) -> Any:
 # ---- Added loads: parameters named after the ports they add to
 
 LOADS = ("lift", "moment")
+# Last sentences of the explanation of a catch-all term.
+NO_CAUSE = (
+    "This term does not represent a cause of the library. If it explains a record better than "
+    "every effect, the cause is none of these effects."
+)
+
+
+def in_words(ports: Sequence[str]) -> str:
+    """Return the names of ports in words, such as ``"side force and yaw"``."""
+    return " and ".join(port.replace("_", " ") for port in ports)
 
 
 class SizedOnPorts:
     """Base of terms with one size for each port to which they add.
 
-    The parameter has the name of the port. The term is absent if all sizes are zero.
+    The size parameter has the name of the port. The term is absent if all sizes are zero.
     """
 
     ports: tuple[str, ...]
@@ -87,7 +97,7 @@ def load_parameters(
 
 # ---- Nonlinear load over the angle of attack
 
-_WIDEST = 30.0  # largest plausible size of a shape, in usual sizes
+_LARGEST_SHAPE = 30.0  # largest plausible size of a shape, in usual sizes
 
 
 @dataclass(frozen=True)
@@ -95,21 +105,21 @@ class LoadCurve(WithoutStates, ProbedAtAbsence):
     """A nonlinear load: ``port`` += f(alpha), or f(beta) for loads of sideslip.
 
     f is a natural cubic spline over ``[low, high]`` with f(0) = f'(0) = 0, because the slope at
-    zero belongs to the declared derivative; it is linear outside the range. f = sum of ``shape1``
-    ... times orthonormal shapes (`sim.maths`). Each parameter is the root mean square that its
-    shape adds over the range, in the unit of the port: a coefficient on the rigid aircraft, 1/s of
-    alpha_dot or 1/s2 on the low-order equivalent system. The angle is in rad and includes the gust.
+    zero is the declared derivative. Outside the range f is linear. f = sum of ``shape1`` ... times
+    orthonormal shapes (`sim.maths`). Each parameter is the root mean square that its shape adds
+    over the range, in the unit of the port: a coefficient on the rigid aircraft, 1/s of alpha_dot
+    or 1/s2 of q_dot on the low-order equivalent system. The angle is in rad and includes the gust.
 
     Attributes
     ----------
     port : port to which the load is added.
-    name, short_name, explanation : as of every effect.
+    name, short_name, explanation : see `sim.declaration.effect.Effect` and `Traits`.
     load : the load in words, as the begin of a sentence.
     unit, size : unit and usual size of the load.
     needs_constants : constants that the equations must have.
     angle, flown : signal of the angle, and output that shows its range.
-    middle : middle of the range, from which f counts if the angle is a ``total``.
-    total : whether the angle is a total value and no perturbation.
+    middle : middle of the range, from which a total angle is counted.
+    total : whether the angle is a total value instead of a perturbation.
     low, high : range of the angle in the record, rad.
     fine : use nine shapes instead of four; the first four are the same.
     """
@@ -145,7 +155,10 @@ class LoadCurve(WithoutStates, ProbedAtAbsence):
         names = enumerate(shape_names(self.fine))
         return tuple(
             Parameter(
-                name, self.size / (1.0 + i), self.unit, prior_std=_WIDEST * self.size / (1.0 + i)
+                name,
+                self.size / (1.0 + i),
+                self.unit,
+                prior_std=_LARGEST_SHAPE * self.size / (1.0 + i),
             )
             for i, name in names
         )
@@ -163,7 +176,7 @@ class LoadCurve(WithoutStates, ProbedAtAbsence):
             ),
             short_name=self.short_name,
             plausible=dict.fromkeys(
-                shape_names(self.fine), (-_WIDEST * self.size, _WIDEST * self.size)
+                shape_names(self.fine), (-_LARGEST_SHAPE * self.size, _LARGEST_SHAPE * self.size)
             ),
         )
 

@@ -10,11 +10,12 @@ from typing import Any, ClassVar
 from sim.declaration.effect import Parameter, Regularity, Station
 from sim.declaration.proposal import Traceable, Traits
 from sim.effects.instances import ProbedAtAbsence
+from sim.effects.loads import NO_CAUSE
 
 
 @dataclass(frozen=True)
 class VaneNearControl(ProbedAtAbsence):
-    """A flow angle v is read as v + ``gain`` d, where d is the deflection of a control.
+    """The reading of a flow angle v is v + ``gain`` d, where d is the deflection of a control.
 
     A canard, a flap, or a surface near the vane turns the flow there. ``gain`` is in rad per unit
     of the control.
@@ -40,10 +41,9 @@ class VaneNearControl(ProbedAtAbsence):
     @property
     def explanation(self) -> str:
         return (
-            f"A generic term: {self.channel} is read too large by a share of {self.control}, as a "
-            "vane does in the flow that a control surface turns. No effect of the library is a "
-            "reading that follows a control. Where it explains a record better than every effect "
-            "does, the cause is none of them."
+            f"A generic term. A share of the {self.control} adds to the reading of {self.channel}: "
+            f"{self.channel}_m = {self.channel} + gain {self.control}. The cause is a vane in the "
+            f"flow that a control surface turns. {NO_CAUSE}"
         )
 
     @property
