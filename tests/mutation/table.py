@@ -181,7 +181,7 @@ SIM = (
     *changes(
         "sim/declaration/model.py",
         ("tests/unit/sim/vehicles/test_multirotor.py",),
-        ("for item in removed[0].parameters} - shared", "for item in gone[0].parameters}"),
+        ("for item in removed[0].parameters} - shared", "for item in removed[0].parameters}"),
     ),
     *changes(
         "scenarios/preparation/reading.py",
