@@ -24,7 +24,7 @@ from exam.detection import (
     weak_setting,
 )
 from exam.options import exam_reproduction
-from exam.repeated import Flights, Flown, LoopFlights, fly_all
+from exam.repeated import Flights, FlownCampaign, LoopFlights, fly_all
 from scenarios.files.declarations import named_after
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json
@@ -90,8 +90,8 @@ class Campaign:
     root: int
     work: Flights
     times: int
-    text: Callable[[Flown, int, str], str]
-    write: Callable[[Flown, Path, Formats], Path]
+    text: Callable[[FlownCampaign, int, str], str]
+    write: Callable[[FlownCampaign, Path, Formats], Path]
 
     def fly(
         self,
@@ -99,7 +99,7 @@ class Campaign:
         seed: int | None,
         execution: Execution,
         tell: ShowProgress = lambda stage, share: None,
-    ) -> Flown:
+    ) -> FlownCampaign:
         """All flights of so many runs, after Ctrl-C those that had ended; raises as ``fly_all``."""
         root = self.root if seed is None else seed
         with named_after(self.where):
@@ -140,18 +140,22 @@ def hidden_effect_campaign(name: str, changes: Sequence[str] = ()) -> Campaign:
     ------
     FlightidError : there is none of that name, or something is declared that cannot be.
     """
-    from exam.hidden_effects.campaign import named_scenario, trace_flights
-    from exam.hidden_effects.page import campaign_page
-    from exam.hidden_effects.text import trace_campaign_text, write_trace_campaign
+    from exam.hidden_effects import (
+        campaign_page,
+        named_scenario,
+        trace_campaign_text,
+        trace_flights,
+        write_trace_campaign,
+    )
     from scenarios.studies.catalogue import scenario_file
 
     scenario = named_scenario(name, tuple(changes))
 
-    def write(done: Flown, out: Path, figures: Formats) -> Path:
+    def write(done: FlownCampaign, out: Path, figures: Formats) -> Path:
         page = partial(campaign_page, scenario, done)
         return write_trace_campaign(scenario, done, out, page, figures)
 
-    def text(done: Flown, width: int, details: str) -> str:
+    def text(done: FlownCampaign, width: int, details: str) -> str:
         return trace_campaign_text(scenario, done.found, done.words, width)
 
     work = trace_flights(name, changes)
@@ -160,20 +164,19 @@ def hidden_effect_campaign(name: str, changes: Sequence[str] = ()) -> Campaign:
 
 def surrogate_campaign(name: str, changes: Sequence[str] = ()) -> Campaign:
     """Many surrogate flights of one declaration; raises as ``load_surrogate``."""
-    from exam.surrogates.campaign import surrogate_flights
-    from exam.surrogates.campaign_text import campaign_text, write_campaign
-    from exam.surrogates.catalogue import load_surrogate
-    from exam.surrogates.page import campaign_page
+    from exam.surrogates.campaign import campaign_text, surrogate_flights, write_campaign
+    from exam.surrogates.declaration import load_surrogate
+    from exam.surrogates.report import campaign_page
     from scenarios.studies.catalogue import scenario_file
 
     surrogate = load_surrogate(name, changes)
 
-    def write(done: Flown, out: Path, figures: Formats) -> Path:
+    def write(done: FlownCampaign, out: Path, figures: Formats) -> Path:
         return write_campaign(
             surrogate, done, out, partial(campaign_page, surrogate, done), figures
         )
 
-    def text(done: Flown, width: int, details: str) -> str:
+    def text(done: FlownCampaign, width: int, details: str) -> str:
         return campaign_text(surrogate, done.found, done.words, width, details)
 
     work = surrogate_flights(surrogate)
@@ -193,10 +196,10 @@ def every_effect_campaign(runs: int, effects: Sequence[str] | None = None) -> Ca
 
     work = EveryEffect(None if effects is None else tuple(effects))
 
-    def write(done: Flown, out: Path, figures: Formats) -> Path:
+    def write(done: FlownCampaign, out: Path, figures: Formats) -> Path:
         return write_every_effect(done, runs, work.effects, out, figures)
 
-    def text(done: Flown, width: int, details: str) -> str:
+    def text(done: FlownCampaign, width: int, details: str) -> str:
         return every_effect_text(done, width)
 
     return Campaign(NAME, NAME, ROOT, work, len(work.kinds), text, write)
@@ -218,12 +221,12 @@ def tabled_campaign(name: str) -> Campaign:
     """A campaign of ``TABLED`` by its name."""
     tabled = TABLED[name]
 
-    def text(done: Flown, width: int, details: str) -> str:
+    def text(done: FlownCampaign, width: int, details: str) -> str:
         shown = rows_table(tabled.title, tabled.columns, tabled.rows(done.found))
         table = table_as_lines(shown)
         return "\n".join([f"{name}: {done.ended} flights, {done.words}", *table]) + "\n"
 
-    def write(done: Flown, out: Path, figures: Formats) -> Path:
+    def write(done: FlownCampaign, out: Path, figures: Formats) -> Path:
         rows = tabled.rows(done.found)
         content = {"schema": "flightid/campaign/1", "scenario": name, **done.content}
         headings = [heading_text(column) for column in tabled.columns]
@@ -238,7 +241,7 @@ def tabled_campaign(name: str) -> Campaign:
     return Campaign(name, name, ROOT, work, 1, text, write)
 
 
-def _page(name: str, tabled: Tabled, done: Flown, rows: Rows) -> Page:
+def _page(name: str, tabled: Tabled, done: FlownCampaign, rows: Rows) -> Page:
     command = (name, "--runs", str(done.ended), "--seed", str(done.root))
     return Page(
         title=f"{capital(name.replace('-', ' '))}: {done.ended} flights",

@@ -97,7 +97,7 @@ class Flights(Work, Protocol):
 
 
 @dataclass(frozen=True)
-class Flown:
+class FlownCampaign:
     """Flights of a campaign that have ended: what was ``found`` of those that could be judged,
     ``failures`` by what the others ended.
 
@@ -152,7 +152,7 @@ def fly_all(
     root: int,
     execution: Execution,
     tell: ShowProgress = lambda stage, share: None,
-) -> Flown:
+) -> FlownCampaign:
     """All flights of a campaign, or after Ctrl-C those that had ended.
 
     Raises
@@ -162,4 +162,4 @@ def fly_all(
     """
     table = run_study(work, execution.request(runs, root, work.block, "flights"), tell)
     failures = Counter(error for error in table.columns["error"] if error)
-    return Flown(root, runs, len(table), work.read(table), dict(failures.most_common()))
+    return FlownCampaign(root, runs, len(table), work.read(table), dict(failures.most_common()))

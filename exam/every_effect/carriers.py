@@ -1,10 +1,11 @@
-"""What carries a hidden effect: a vehicle with the plan of its two records, and the file that tells
-the loop of it.
+"""Vehicles that carry hidden effects, with the plans of their two records, and the effects that
+each model can have.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import difflib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -21,15 +22,21 @@ from exam.random_cases.vehicles import (
     vehicle_file,
 )
 from exam.random_cases.vehicles import NOISE as OF_PAPERS
+from exam.scores.rates import NOTHING, kind_of
 from scenarios.studies.declaration import maneuvers_by_input
 from scenarios.studies.estimating import resting
 from scenarios.trials.planted.declaration import RecordPlan, TraceScenario, true_vehicle
 from scenarios.trials.planted.flights import started_file, trace_scenario_of
 from sim.declaration.effect import Effect, full_name
 from sim.declaration.model import Equations, Model, Noise
+from sim.declaration.proposal import Traceable
+from sim.effects.library import effects_for
+from sim.errors import DeclarationError
 from sim.maneuvers import Maneuver
 from sim.record import Channel, Record
 from sim.truth.flight import fly, sample_times
+
+# ---- What carries a hidden effect
 
 MODELS = ("rigid", "loes", "ballistic", "flexible", "lateral", "longitudinal")
 # whose vehicles and maneuvers are drawn; of the others the flight of a tracing scenario
@@ -161,3 +168,88 @@ def _scenario(model: str) -> TraceScenario:
     from scenarios.studies.catalogue import load_document
 
     return trace_scenario_of(*load_document(FLOWN[model]))
+
+
+# ---- What is hidden
+
+# in a fall no more than another start; no search proposes them
+UNSEEN = ("sensor-delay:altitude", "sensor-lag:altitude")
+
+
+@dataclass(frozen=True)
+class Instance:
+    """An effect by its full name on the vehicles of one model; without a name, nothing."""
+
+    model: str
+    name: str
+
+
+def effect_of(instance: Instance) -> Traceable:
+    """The effect of an instance as the library has it, in its first form where it has several."""
+    return _offered(instance.model)[instance.name]
+
+
+@cache
+def _offered(model: str) -> Mapping[str, Traceable]:
+    """Effects that may be hidden on a model's vehicles, by name. General forms are no causes, and
+    modes that a vehicle declares no effects.
+    """
+    offered = [
+        effect
+        for effect in effects_for(equations_of(model))
+        if isinstance(effect, Traceable) and not effect.traits.general
+    ]
+    return {effect.name: effect for effect in reversed(offered) if effect.name not in UNSEEN}
+
+
+@cache
+def library_kinds() -> Mapping[str, tuple[Instance, ...]]:
+    """Kind -> instances, models and channels mixed, so that few flights see several; ``NOTHING``
+    first.
+    """
+    kinds: dict[str, dict[Instance, None]] = {
+        NOTHING: dict.fromkeys(Instance(model, "") for model in MODELS)
+    }
+    for model in MODELS:
+        for name in reversed(list(_offered(model))):
+            kinds.setdefault(kind_of(name), {})[Instance(model, name)] = None
+    return {name: _mixed(tuple(found)) for name, found in kinds.items()}
+
+
+def _mixed(instances: tuple[Instance, ...]) -> tuple[Instance, ...]:
+    """An order of its own for each number of them, always the same."""
+    return tuple(
+        instances[at] for at in np.random.default_rng(len(instances)).permutation(len(instances))
+    )
+
+
+def chosen(asked: Sequence[str] | None) -> Mapping[str, tuple[Instance, ...]]:
+    """Those of the library that are asked for: ``nothing``, a kind, or an effect by its full name;
+    all, None.
+
+    Raises
+    ------
+    DeclarationError : a name that the library lacks, or one twice.
+    """
+    kinds = library_kinds()
+    if asked is None:
+        return kinds
+    found: dict[str, tuple[Instance, ...]] = {}
+    for name in asked:
+        of_name = kinds.get(name) or tuple(
+            instance for instance in kinds.get(kind_of(name), ()) if instance.name == name
+        )
+        if not of_name:
+            near = difflib.get_close_matches(name, kinds, n=1, cutoff=0.4)
+            remedy = f"did you mean {near[0]!r}?" if near else f"use {', '.join(kinds)}"
+            raise DeclarationError(f"there is no effect {name!r}", where="--effects", remedy=remedy)
+        if name in found:
+            raise DeclarationError(
+                f"{name} is named twice", where="--effects", remedy="name each once"
+            )
+        found[name] = of_name
+    if not found:
+        raise DeclarationError(
+            "no effect is named", where="--effects", remedy="name some, or leave it out for all"
+        )
+    return found

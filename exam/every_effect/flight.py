@@ -1,24 +1,256 @@
-"""One flight with one effect of the library in it, or nothing: drawn, sized, flown and written as
-the loop is given it.
+"""One flight with one hidden effect. Its values and its size are drawn, then it is flown and
+written.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from exam.every_effect.carriers import Carrier, HiddenEffects, drawn_carrier
-from exam.every_effect.drawing import begun, drawn
-from exam.every_effect.kinds import Instance, effect_of
-from exam.every_effect.sizing import Scale, amount_for
+from exam.every_effect.carriers import (
+    Carrier,
+    HiddenEffects,
+    Instance,
+    Plan,
+    drawn_carrier,
+    effect_of,
+)
 from scenarios.files.writing import write_record
 from scenarios.preparation.plan import Request
-from sim.declaration.proposal import Traceable
+from sim.declaration.effect import Parameter
+from sim.declaration.model import Model
+from sim.declaration.proposal import RangedCurve, Traceable
+from sim.errors import FlightidError
 from sim.record import Record
+
+# ---- How the values of a hidden effect are drawn
+
+# an absent value beyond it is a limit that is never reached: such a parameter goes as one over the
+# amount
+FAR = 1e6
+EARLIEST, LATEST = 0.15, 0.6  # of the record, when an event begins
+_KNOWN = ("duration", "width")  # of simulated spikes: what they ask of the record
+
+
+@dataclass(frozen=True, eq=False)
+class Draw:
+    """An effect's values by amount: at one those of usual size, at zero its absence.
+
+    ``usual`` : local values at an amount of one; ``absent`` of those that the amount moves;
+    ``items`` its parameters by local name.
+    """
+
+    usual: Mapping[str, float]
+    absent: Mapping[str, float]
+    items: Mapping[str, Parameter]
+    plausible: Mapping[str, tuple[float, float]]
+
+    @property
+    def sized(self) -> bool:
+        """Whether there is anything that an amount moves."""
+        return bool(self.absent)
+
+    def at(self, amount: float) -> dict[str, float]:
+        """Local values, none beyond what is plausible."""
+        values = dict(self.usual)
+        for local, gone in self.absent.items():
+            if abs(gone) >= FAR:
+                values[local] = (
+                    gone if amount * FAR <= abs(self.usual[local]) else self.usual[local] / amount
+                )
+            else:
+                values[local] = gone + amount * (self.usual[local] - gone)
+        return {local: self._held(local, value) for local, value in values.items()}
+
+    def _held(self, local: str, value: float) -> float:
+        low, high = self.items[local].bounds
+        if local in self.plausible and not abs(self.absent.get(local, 0.0)) >= FAR:
+            low, high = max(low, self.plausible[local][0]), min(high, self.plausible[local][1])
+            gone = self.absent.get(local)
+            low, high = (low, high) if gone is None else (min(low, gone), max(high, gone))
+        return float(min(max(value, low), high))
+
+
+def drawn(effect: Traceable, plan: Plan, rng: np.random.Generator) -> Draw:
+    """Values of an effect for one record: the time of an event anywhere but at the ends, other
+    values about usual ones, signs where they may turn.
+    """
+    traits, items = effect.traits, {item.name: item for item in effect.parameters}
+    moved = {local: gone for local, gone in effect.absent.items() if items[local].free}
+    sign = _sign(effect, moved, items, rng)
+    usual: dict[str, float] = {}
+    for local, item in items.items():
+        if local == traits.onset:
+            usual[local] = begun(plan, rng)
+        elif traits.wrong_samples_of and local in _KNOWN:
+            usual[local] = plan.duration if local == "duration" else plan.interval
+        elif local in moved and not isinstance(effect, RangedCurve):
+            gone = 0.0 if abs(moved[local]) >= FAR else moved[local]
+            usual[local] = gone + sign * (item.value - gone) * _about(
+                rng, 0.6 if len(moved) > 1 else 0.0
+            )
+        elif item.free and local not in moved:
+            usual[local] = item.value * _about(rng, 0.35)
+        else:
+            usual[local] = item.value
+    if isinstance(effect, RangedCurve):
+        usual |= _shapes(moved, items, rng)
+    return Draw(usual, moved, items, traits.plausible)
+
+
+def begun(plan: Plan, rng: np.random.Generator) -> float:
+    """When an event begins in a record, s."""
+    return float(plan.time[0] + rng.uniform(EARLIEST, LATEST) * plan.duration)
+
+
+def _about(rng: np.random.Generator, spread: float) -> float:
+    """A factor about one, even in the logarithm."""
+    return float(np.exp(rng.uniform(-spread, spread)))
+
+
+def _sign(
+    effect: Traceable,
+    moved: Mapping[str, float],
+    items: Mapping[str, Parameter],
+    rng: np.random.Generator,
+) -> float:
+    """One of two signs where the other makes sense: within bounds, and no mode is excited by its
+    own motion.
+    """
+    either = float(rng.choice([-1.0, 1.0]))
+    turned = all(
+        abs(gone) < FAR
+        and items[local].bounds[0] <= 2.0 * gone - items[local].value <= items[local].bounds[1]
+        for local, gone in moved.items()
+    )
+    return either if turned and not effect.traits.oscillates else 1.0
+
+
+def _shapes(
+    moved: Mapping[str, float], items: Mapping[str, Parameter], rng: np.random.Generator
+) -> dict[str, float]:
+    """A smooth curve of random form, as large as the usual one: coefficients that fall off, of
+    either sign.
+    """
+    names = list(moved)
+    drawn = rng.standard_normal(len(names)) / (1.0 + np.arange(len(names))) ** 1.5
+    drawn *= math.hypot(*(items[name].value for name in names)) / np.linalg.norm(drawn)
+    return dict(zip(names, drawn.tolist(), strict=True))
+
+
+# ---- How strong a hidden effect is, and the amount of it that is as strong as wanted
+
+COARSE = 0.01  # s
+SLOPE = 1e-4  # of a parameter's value
+START = 1e-3  # of a state that begins at zero
+STEEPEST = 0.4  # rad: about trim no model describes more
+ANGLES = ("alpha", "beta")
+ROUNDS = 14
+LARGEST = 6.0  # of the usual amount
+NEAR = 0.05  # of the wanted length, at which an amount is good
+
+
+class Scale:
+    """The strength of what is hidden in the fitted record of a carrier; random effects with the
+    same random numbers whatever their size.
+    """
+
+    def __init__(self, carrier: Carrier, seed: int) -> None:
+        self._carrier, self._seed = carrier, seed
+        plan = carrier.train
+        base = self._whitened(plan, ())
+        assert base is not None
+        self._base = base
+        self._span = np.linalg.qr(self._columns(plan))[0]
+
+    def length(self, hidden: HiddenEffects) -> float:
+        """The change in sigmas that nothing declared explains, infinite where it cannot be flown;
+        half its square is the expected gain.
+        """
+        changed = self._whitened(self._carrier.train, hidden)
+        if changed is None:
+            return math.inf
+        change = changed - self._base
+        return float(np.linalg.norm(change - self._span @ (self._span.T @ change)))
+
+    def _whitened(self, plan: Plan, hidden: HiddenEffects) -> np.ndarray | None:
+        """Outputs in noise sigmas, one after the other; None where there are none, or beyond what
+        perturbations about trim describe.
+        """
+        try:
+            record = self._carrier.flown(
+                plan, hidden, np.random.default_rng(self._seed), step=COARSE
+            )
+        except (FlightidError, FloatingPointError):
+            return None
+        angles = [record[name].values for name in ANGLES if name in self._carrier.noise]
+        if not all(np.all(np.isfinite(c.values)) for c in record.outputs) or any(
+            np.max(np.abs(angle)) > STEEPEST for angle in angles
+        ):
+            return None
+        return np.concatenate([c.values / self._carrier.noise[c.name] for c in record.outputs])
+
+    def _columns(self, plan: Plan) -> np.ndarray:
+        """Directions of what is declared: parameters, where the states begin, a bias of each
+        output; ``(samples, directions)``, of length one.
+        """
+        model = plan.model
+        moved: list[Model] = []
+        for name in self._carrier.free:
+            value = model.parameters[name].value
+            moved.append(model.with_values({name: value + SLOPE * (abs(value) or 1.0)}))
+        for item in model.initial:
+            step = START * abs(item.value) if abs(item.value) > 1.0 else START
+            moved.append(
+                model.with_initial(model.initial.with_values({item.name: item.value + step}))
+            )
+        columns = [
+            there - self._base
+            for changed in moved
+            if (there := self._whitened(replace(plan, model=changed), ())) is not None
+        ]
+        count = len(self._base) // len(self._carrier.noise)
+        columns += [*np.kron(np.eye(len(self._carrier.noise)), np.ones(count))]
+        sizes = [float(np.linalg.norm(column)) for column in columns]
+        return np.array(
+            [column / size for column, size in zip(columns, sizes, strict=True) if size > 0.0]
+        ).T
+
+
+def amount_for(length: Callable[[float], float], wanted: float) -> tuple[float, float]:
+    """The amount at which a length, which grows with it, is the wanted one, and the length there;
+    else the nearest that can be flown.
+    """
+    amount, low, high = 1.0, 0.0, LARGEST
+    best = (0.0, 0.0)
+    for _ in range(ROUNDS):
+        now = length(amount)
+        if math.isfinite(now) and abs(now - wanted) < abs(best[1] - wanted):
+            best = (amount, now)
+        if abs(now - wanted) < NEAR * wanted or (now < wanted and amount >= LARGEST):
+            break
+        low, high = (amount, high) if now < wanted else (low, amount)
+        # The length grows nearly as the amount does; where that law leads astray the amount is
+        # sought between what is known.
+        step = amount * wanted / now if math.isfinite(now) and now > 0.0 else 0.0
+        beyond = step >= high == LARGEST
+        amount = (
+            step
+            if low < step < high
+            else LARGEST
+            if beyond
+            else math.sqrt(low * high)
+            if low > 0.0
+            else 0.3 * high
+        )
+    return best
+
+
+# ---- One flight with one effect of the library in it, or nothing
 
 # sigmas: expected gains of 32 and 3200; at the first one nearly all weak effects are detected
 WEAKEST, STRONGEST = 8.0, 80.0

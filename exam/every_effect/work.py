@@ -13,8 +13,8 @@ from functools import cached_property
 from pathlib import Path
 from time import process_time
 
+from exam.every_effect.carriers import Instance, chosen, effect_of
 from exam.every_effect.flight import Flown, fly_hidden, write_hidden
-from exam.every_effect.kinds import Instance, chosen, effect_of
 from exam.scores.scored_flight import (
     Outcome,
     ScoredFlight,

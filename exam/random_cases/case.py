@@ -1,15 +1,18 @@
-"""What a case is: the flight behind it, what may be hidden, and the score."""
+"""Kinds, cases and scores of a random examination, and the draws of sizes."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from exam.calibration import Statement
+from exam.scoring import Statement
 from sim.declaration.model import Model
 from sim.record import Record
+
+# ---- What a case is
 
 AIRCRAFT = ("rigid", "loes")
 ALL = ("rigid", "loes", "ballistic")
@@ -124,3 +127,40 @@ class CaseScore:
     statements: tuple[Statement, ...] = ()
     values: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     said: str = ""
+
+
+# ---- How parameters of what is hidden are drawn
+
+
+def uniform(low: float, high: float, local: str) -> Draw:
+    """Even in the logarithm."""
+    return lambda rng, s: {local: float(np.exp(rng.uniform(math.log(low), math.log(high))))}
+
+
+def share(low: float, high: float, local: str) -> Draw:
+    """A share of the largest deflection."""
+    return lambda rng, s: {local: float(s.peak * rng.uniform(low, high))}
+
+
+def signed(low: float, high: float, local: str) -> Draw:
+    """Of either sign."""
+    return lambda rng, s: {local: either(rng) * float(rng.uniform(low, high))}
+
+
+def either(rng: np.random.Generator) -> float:
+    """One or minus one."""
+    return float(rng.choice([-1.0, 1.0]))
+
+
+def pulse(
+    rng: np.random.Generator, s: Setting, shortest: float, longest: float, last: float = 0.7
+) -> tuple[float, float]:
+    """Begin and length of something that happens in a record, s; it begins at ``last`` of the
+    record at the latest.
+    """
+    return float(rng.uniform(0.1, last) * s.duration), float(rng.uniform(shortest, longest))
+
+
+def several(rng: np.random.Generator, **spans: tuple[float, float]) -> Mapping[str, float]:
+    """Every parameter evenly between its ends."""
+    return {name: float(rng.uniform(*span)) for name, span in spans.items()}

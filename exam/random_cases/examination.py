@@ -1,32 +1,44 @@
-"""A random examination of the tracing loop: model, vehicle, rate, channels, maneuvers, and what is
-hidden, all drawn from a seed.
-
-Each record is written, diagnosed by what the loop is told (two files and a vehicle file), and
-marked: right name, held-out error, and how many standard deviations the derivatives are off.
+"""A random examination of the tracing loop: cases drawn from seeds, examined as tasks, and the
+command lines.
 """
 
 from __future__ import annotations
 
+import json
+import math
 import tempfile
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from time import process_time
+from typing import Any
 
 import numpy as np
 
-from exam.random_cases.case import Case, CaseScore
-from exam.random_cases.case_scoring import case_score_of, refusal_score_of
-from exam.random_cases.flying import Values, drawn_values, flown, values_again
+from exam.options import STOPPED, Parser, ended_in_one_line, manner_of
+from exam.random_cases.case import Case, CaseScore, Named
+from exam.random_cases.case_scoring import (
+    case_score_of,
+    refusal_score_of,
+    reliability_table,
+    summary_table,
+)
+from exam.random_cases.flying import Values, all_visible, drawn_values, flown, values_again
 from exam.random_cases.kinds import KINDS, drawable, families
 from exam.random_cases.vehicles import RATES, Flight, drawn_flights, drawn_vehicle, vehicle_file
-from exam.random_cases.visible import all_visible
-from exam.scoring import same_fault
+from exam.repeated import FlownCampaign, LoopFlights, fly_all
+from exam.scoring import Statement, same_fault
 from scenarios.diagnosis.diagnose import diagnose_files
-from scenarios.files.writing import write_record
+from scenarios.files.writing import write_record, write_text
 from scenarios.preparation.plan import Request
+from scenarios.report.terminal import progress_bar
+from scenarios.tasks.study import Execution
 from sim.declaration.model import Model
-from sim.errors import FlightidError, ModelError
+from sim.errors import DeclarationError, FlightidError, ModelError
 from sim.record import Record
+
+# ---- A random examination of the tracing loop
 
 MODELS = {"rigid": 0.6, "loes": 0.25, "ballistic": 0.15}
 GROUPS = {
@@ -224,3 +236,175 @@ def _go_together(one: str, other: str) -> bool:
 
 def _chosen(shares: dict[str, float], rng: np.random.Generator) -> str:
     return str(rng.choice(list(shares), p=list(shares.values())))
+
+
+# ---- A series of cases, from a first seed on
+
+
+def examined(first: int, count: int, execution: Execution, group: str = "") -> FlownCampaign:
+    """Scores of the cases ``first`` to ``first + count - 1``, of those that had ended where it was
+    stopped.
+
+    ``group`` : all of them are of this one; empty, each draws its own.
+    """
+    told = {"first": first, **({"group": group} if group else {})}
+    work = LoopFlights("random-cases", partial(_case, first, group), CaseScore, told)
+    with progress_bar(True) as tell:
+        return fly_all(work, count, first, execution, tell)
+
+
+def _case(first: int, group: str, number: int, seed: int) -> CaseScore:
+    """A case has its own small seed, by which documents name it, and takes none that is spawned."""
+    return examine(first + number, group)
+
+
+def line_of(score: CaseScore) -> Mapping[str, Any]:
+    """What one line of the file holds; a number that is not finite is left out."""
+    case = score.case
+    return {
+        **{
+            "seed": case.seed,
+            "model": case.model,
+            "aircraft": case.aircraft,
+            "rate": case.rate,
+            "channels": case.channels,
+        },
+        **{
+            "group": case.group,
+            "hidden": case.hidden,
+            "values": score.values,
+            "verdict": score.verdict,
+        },
+        "claims": [
+            [{"name": named.name, "hidden": named.hidden} for named in claim]
+            for claim in score.claims
+        ],
+        "statements": [asdict(statement) for statement in score.statements],
+        **{"right": score.right, "wrong": score.wrong, "said": score.said},
+        "held_out_error": score.held_out if math.isfinite(score.held_out) else -1.0,
+        "errors_in_sigmas": {
+            name: error for name, error in score.errors.items() if math.isfinite(error)
+        },
+        "seconds": score.seconds,
+    }
+
+
+def score_of_line(line: Mapping[str, Any]) -> CaseScore:
+    """The score that ``line_of`` wrote.
+
+    Raises
+    ------
+    DeclarationError : a key is missing, or a hidden cause has another name than those of today.
+    """
+    try:
+        hidden = tuple(line["hidden"])
+        kinds = [KINDS[name] for name in hidden]
+        case = Case(
+            line["seed"],
+            line["aircraft"],
+            hidden,
+            frozenset(kind.answer for kind in kinds if kind.answer),
+            any(not kind.answer for kind in kinds),
+            tuple(line["channels"]),
+            line["rate"],
+            line["model"],
+            line["group"],
+        )
+        claims = tuple(
+            tuple(Named(each["name"], each["hidden"]) for each in claim) for claim in line["claims"]
+        )
+        return CaseScore(
+            case,
+            line["verdict"],
+            tuple(claim[0].name for claim in claims),
+            line["right"],
+            line["wrong"],
+            line["errors_in_sigmas"],
+            line["held_out_error"],
+            line["seconds"],
+            claims,
+            tuple(Statement(**each) for each in line["statements"]),
+            line["values"],
+            line["said"],
+        )
+    except (KeyError, TypeError, IndexError) as fault:
+        what = f"{fault} is not what a line of random cases has"
+        remedy = "name a file that python -m exam random wrote"
+        raise DeclarationError(what, where="exam", remedy=remedy) from None
+
+
+# ---- Random cases by their seeds, and the tables of what was found in them
+
+LINES = "cases.jsonl"
+
+
+def random_cases(arguments: Sequence[str] | None = None) -> int:
+    """Cases whose model, vehicle, record and hidden cause are drawn from a seed."""
+    return _examine("random", arguments)
+
+
+def foreign_causes(arguments: Sequence[str] | None = None) -> int:
+    """Random cases that hide a cause that no effect of the library names."""
+    return _examine("foreign", arguments)
+
+
+def recorder_faults(arguments: Sequence[str] | None = None) -> int:
+    """Random cases that hide a fault of the recorder."""
+    return _examine("recorder", arguments)
+
+
+def _examine(name: str, arguments: Sequence[str] | None) -> int:
+    """Examine COUNT cases from seed FIRST on.
+
+    Each is kept as it is done; ``cases.jsonl`` has them in the order of the seeds.
+    """
+    parser = Parser(name, "random cases, one JSON line each")
+    parser.add_argument("first", type=int, metavar="FIRST", help="the first seed")
+    parser.add_argument("count", type=int, metavar="COUNT", help="how many seeds")
+    parser.add_manner(out_required=True)
+    asked = parser.parse_args(arguments)
+    if asked.first < 0 or asked.count < 1:
+        parser.error("FIRST is 0 or more, COUNT is 1 or more")
+    group = name if name in GROUPS else ""
+
+    def work() -> int:
+        done = examined(asked.first, asked.count, manner_of(asked), group)
+        lines = [json.dumps(line_of(score), allow_nan=False) + "\n" for score in done.found]
+        write_text(asked.out / LINES, "".join(lines))
+        _print_tables(done.found)
+        print(f"{done.ended} of {done.asked} cases, {done.words}")
+        return 0 if done.whole else STOPPED
+
+    return ended_in_one_line(name, work)
+
+
+def score(arguments: Sequence[str] | None = None) -> int:
+    """Tables of random cases that were examined before, from the files of one or several series."""
+    parser = Parser("score", "tables of random cases from their files")
+    parser.add_argument("files", type=Path, nargs="+", metavar="CASES.jsonl")
+    asked = parser.parse_args(arguments)
+
+    def work() -> int:
+        found = [each for file in asked.files for each in _read(file)]
+        _print_tables(found)
+        print(f"{len(found)} cases")
+        return 0
+
+    return ended_in_one_line("score", work)
+
+
+def _read(file: Path) -> list[CaseScore]:
+    try:
+        lines = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+    except ValueError as fault:
+        what = f"this is not one JSON object a line: {fault}"
+        remedy = "name a file that python -m exam random wrote"
+        raise DeclarationError(what, where=str(file), remedy=remedy) from None
+    return [score_of_line(line) for line in lines]
+
+
+def _print_tables(found: Sequence[CaseScore]) -> None:
+    if found:
+        print("\n".join(summary_table(found)))
+        statements = [statement for each in found for statement in each.statements]
+        print("\n".join(reliability_table(statements)))

@@ -8,8 +8,7 @@ from textwrap import fill
 
 from exam.reproduction.declaration import Matrix, Paper, Part, Values
 from exam.reproduction.lookups import Numbers
-from exam.reproduction.rows import CLOSE, Row, rows_of
-from exam.reproduction.statements import Told, cells_of, told
+from exam.reproduction.rows import CLOSE, Row, Told, cells_of, rows_of, told
 from sim.errors import DeclarationError
 
 HEAD = """# The two papers, number by number

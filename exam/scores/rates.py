@@ -1,16 +1,21 @@
-"""How often each verdict is given, what is named in place of what, and how often a name is false
-where nothing is hidden.
+"""Statistics of a campaign of the tracing loop: rates of verdicts and names, reliability of the
+probabilities of names, and coverage of the intervals of effects' parameters.
 """
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 from exam.scores.scored_flight import Outcome, ScoredFlight, Standing
-from exam.scoring import Share, share_of_flights
+from exam.scoring import EDGES, Bin, Share, binned, share_of_flights, share_within_flights
+
+# ---- How often each verdict is given, what is named in place of what, and how often a name is f
 
 ALL = "all"
 NOTHING = "nothing"
@@ -109,3 +114,93 @@ def kind_of(name: str) -> str:
     ``"sensor-lag:q"``.
     """
     return name.partition(":")[0].partition("#")[0]
+
+
+# ---- The probabilities that the loop gives to names, held against how many of them are right
+
+DRAWS = 2000  # of the bootstrap
+SEED = 1  # the same flights give the same interval
+TAILS = (0.025, 0.975)
+
+
+@dataclass(frozen=True)
+class Brier:
+    """Brier score of the names that are given: the mean square of probability minus one where the
+    name is right, zero where it is not.
+
+    ``count`` names in all; ``interval`` at 95 %, flights resampled whole; ``constant`` : the score
+    of giving each name the share of them that is right, which says nothing of the single name.
+    """
+
+    count: int
+    score: float
+    interval: tuple[float, float]
+    constant: float
+
+
+def reliability_of(flights: Sequence[ScoredFlight]) -> tuple[Bin, ...]:
+    """How often names are right by the probability that was given, alternatives among them; those
+    less likely than ``EDGES[0]`` are left out.
+    """
+    return binned(
+        [
+            (each.probability, each.right)
+            for flight in flights
+            for each in flight.stated
+            if each.probability > EDGES[0]
+        ]
+    )
+
+
+def brier(flights: Sequence[ScoredFlight]) -> Brier | None:
+    """The score of the names that are given, one a claim; None where there is none."""
+    given = [
+        [(each.probability, each.right) for each in flight.stated if each.first]
+        for flight in flights
+    ]
+    given = [each for each in given if each]
+    if not given:
+        return None
+    squares = np.array([sum((p - right) ** 2 for p, right in each) for each in given])
+    counts = np.array([len(each) for each in given])
+    right = float(sum(right for each in given for _, right in each)) / int(counts.sum())
+    rng = np.random.default_rng(SEED)
+    rows = rng.integers(len(given), size=(DRAWS, len(given)))
+    low, high = np.quantile(squares[rows].sum(axis=1) / counts[rows].sum(axis=1), TAILS)
+    return Brier(
+        int(counts.sum()),
+        float(squares.sum() / counts.sum()),
+        (float(low), float(high)),
+        right * (1.0 - right),
+    )
+
+
+# ---- How often the intervals of effects' parameters hold the truth, at one, two and three sigma
+
+SIGMAS = (1, 2, 3)
+NORMAL = tuple(100.0 * math.erf(k / math.sqrt(2.0)) for k in SIGMAS)  # % of a normal distribution
+
+
+def coverage_of(scores: Scores) -> dict[str, tuple[Share, ...]]:
+    """By label, and of all flights: the share of parameters of effects named right that are within
+    one, two and three sigmas of the truth.
+
+    Parameters of one flight are correlated: intervals count flights. Labels without a parameter are
+    left out.
+    """
+    groups = {
+        label: [each.errors.values() for each in group if each.errors]
+        for label, group in scores.groups.items()
+    }
+    groups = {label: errors for label, errors in groups.items() if errors}
+    if len(groups) > 1:
+        groups[ALL] = [errors for group in groups.values() for errors in group]
+    return {label: shares_of(errors) for label, errors in groups.items()}
+
+
+def shares_of(errors: Sequence[Iterable[float]]) -> tuple[Share, ...]:
+    """Of errors in sigmas, flight by flight, the shares within one, two and three."""
+    flights = [[abs(value) for value in each] for each in errors]
+    return tuple(
+        share_within_flights([value < k for value in flight] for flight in flights) for k in SIGMAS
+    )

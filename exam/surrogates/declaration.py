@@ -1,11 +1,20 @@
-"""What a surrogate flight for a measured flight declares: records, the small causes with their
-levels, what dominates, what the loop is told.
+"""The declaration of a surrogate flight: records, small causes with their levels, dominant effect
+and the vehicle file of the loop; what differs between the axes; the declared flights by name.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+
+from scenarios.files.declarations import closest
+from scenarios.studies.catalogue import load_document
+from sim.errors import DeclarationError
+from sim.vehicles.factory import RIGID_CONSTANTS
+from sim.vehicles.uncoupled import LATERAL_CONSTANTS, Lateral
+
+# ---- What a surrogate flight for a measured flight declares
 
 Span = tuple[float, float]
 
@@ -102,7 +111,7 @@ class Hidden:
     """How many effects dominate, of which names, and by how much.
 
     ``reduction`` is the share of the error, in the channel that shows it most, that an effect
-    stands for. ``sizes``: by name what is drawn instead, in the unit of `flights.sizes`.
+    stands for. ``sizes``: by name what is drawn instead, in the unit of `flights.kinds`.
     """
 
     count: int = 0
@@ -128,3 +137,81 @@ class Surrogate:
     wrong: Span = (0.05, 0.3)
     draws: int = 20
     seed: int = 1
+
+
+# ---- What differs between surrogate flights of the two axes
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis.
+
+    Attributes
+    ----------
+    model : that the loop is told. inputs : that move and are recorded. measured : outputs of every
+    record; optional : further ones. constants : of the vehicle file. scattered : constants that
+    differ from record to record, with the level of `Causes` that says how far.
+    """
+
+    model: str
+    inputs: tuple[str, ...]
+    measured: tuple[str, ...]
+    optional: tuple[str, ...]
+    constants: tuple[str, ...]
+    scattered: Mapping[str, str]
+
+
+_AIR = {"airspeed": "airspeed_scatter", "air_density": "density_scatter"}
+AXES: Mapping[str, Axis] = {
+    LONGITUDINAL: Axis(
+        "rigid",
+        ("elevator",),
+        MEASURED,
+        OPTIONAL,
+        tuple(RIGID_CONSTANTS),
+        {"mass": "mass_scatter", "pitch_inertia": "inertia_scatter", **_AIR},
+    ),
+    LATERAL: Axis(
+        "lateral",
+        ("rudder", "aileron"),
+        tuple(signal.name for signal in Lateral().outputs),
+        (),
+        tuple(LATERAL_CONSTANTS),
+        {
+            "mass": "mass_scatter",
+            "roll_inertia": "inertia_scatter",
+            "yaw_inertia": "inertia_scatter",
+            **_AIR,
+        },
+    ),
+}
+
+
+# ---- The surrogate flights that are declared here by name, and a user's own by the path of its
+
+CATALOG = Path(__file__).parent / "catalog"
+USUAL = "surrogate-one"
+
+
+def surrogate_names() -> tuple[str, ...]:
+    """Names of the declared surrogate flights, sorted."""
+    return tuple(sorted(path.stem for path in CATALOG.glob("*.toml")))
+
+
+def load_surrogate(name: str, changes: Sequence[str] = ()) -> Surrogate:
+    """A surrogate flight by its name or the path of its TOML file, with ``"key=value"`` changes.
+
+    Raises
+    ------
+    DeclarationError : there is none of that name, or a key or value in its file is wrong.
+    """
+    from exam.surrogates.schema import surrogate_of
+
+    if not name.endswith(".toml") and name not in surrogate_names():
+        remedy = closest(name, surrogate_names())
+        raise DeclarationError(
+            f"there is no surrogate flight {name!r}", where="exam", remedy=remedy
+        )
+    file = name if name.endswith(".toml") else str(CATALOG / f"{name}.toml")
+    document, short, where = load_document(file, changes)
+    return surrogate_of(document, short, where if file == name else f"{name}.toml")

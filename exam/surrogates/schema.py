@@ -10,8 +10,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, Field
 
 from exam.aircraft import AIRCRAFT
-from exam.surrogates.axes import AXES
 from exam.surrogates.declaration import (
+    AXES,
     LATERAL,
     LONGITUDINAL,
     Causes,
@@ -21,10 +21,10 @@ from exam.surrogates.declaration import (
     Surrogate,
 )
 from exam.surrogates.flights.dominant import OF_AXIS
-from exam.surrogates.flights.lateral.maneuvers import PAIRS
+from exam.surrogates.flights.kinds import SIZES
+from exam.surrogates.flights.lateral.drawing import PAIRS
 from exam.surrogates.flights.maneuvers import KINDS as MANEUVERS
 from exam.surrogates.flights.maneuvers import USUAL
-from exam.surrogates.flights.sizes import SIZES
 from scenarios.files.declarations import CHANNEL_UNITS, checked, closest
 from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
 from scenarios.studies.schema import Quantity, positive, si

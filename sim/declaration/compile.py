@@ -180,7 +180,8 @@ def _with_state_form(model: Model, effects: Sequence[Any]) -> list[Any]:
         if isinstance(effect, OnlineForm):
             with_form.append(effect)
             continue
-        if isinstance(effect, Anticipating) and effect.anticipates:
+        ahead = isinstance(effect, Anticipating) and effect.anticipates
+        if ahead:
             raise ModelError(
                 f"effect {effect.name} needs the input's future and cannot run on line",
                 where=f"model {model.name}",

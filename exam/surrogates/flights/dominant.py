@@ -14,9 +14,8 @@ from exam.surrogates.declaration import LATERAL, LONGITUDINAL
 from exam.surrogates.fitting import declared_model, misfit
 from exam.surrogates.flights.drawing import SPEED, Dominant, Drawn, hiding
 from exam.surrogates.flights.flying import fly_drawn
-from exam.surrogates.flights.kinds import KINDS, Kind
-from exam.surrogates.flights.lateral.kinds import LATERAL_KINDS
-from exam.surrogates.flights.sizes import values_at
+from exam.surrogates.flights.kinds import KINDS, Kind, values_at
+from exam.surrogates.flights.lateral.drawing import LATERAL_KINDS
 from sim.effects.library import find_effect
 from sim.errors import DeclarationError, ModelError
 

@@ -1,16 +1,19 @@
-"""What can be hidden in the longitudinal surrogate flights: each effect's local values by size, the
-largest that is drawn at one.
+"""What a longitudinal surrogate flight can hide: local values of each effect by its size, and the
+effects whose size may be declared in their own unit.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from exam.surrogates.flights.drawing import SPEED, Drawn, short_period
 from sim.maths import shape_names
+
+# ---- What can be hidden in the longitudinal surrogate flights
 
 # Local values at a size of one, the largest that is drawn; the effect vanishes as the size does.
 Direction = Mapping[str, float]
@@ -164,3 +167,44 @@ KINDS: Mapping[str, Kind] = {
     "sensor-drift:q": drift(0.08),
     "sensor-drift:nz": drift(0.6),
 }
+
+
+# ---- Effects whose size a surrogate flight may declare in the effect's own unit, instead of by
+
+
+@dataclass(frozen=True)
+class Size:
+    """What a declared size is: the effect's ``local`` parameter, its ``unit``, the largest that may
+    be declared (``most``).
+
+    ``either`` : the sign is drawn. ``speed_share`` : the size is the share of the airspeed lost
+    over a record, the parameter m/s2.
+    """
+
+    local: str
+    unit: str
+    most: float
+    either: bool = False
+    speed_share: bool = False
+
+
+SIZES: Mapping[str, Size] = {
+    "gust-turbulence": Size("sigma", "m/s", 8.0),
+    "vane-offset": Size("arm", "m", 40.0),
+    "accelerometer-offset:nz": Size("arm", "m", 40.0, either=True),
+    SPEED: Size("rate", "1", 0.5, speed_share=True),
+}
+
+
+def values_at(drawn: Drawn, name: str, size: float, sign: float = 1.0) -> dict[str, float]:
+    """Local values of an effect of this ``size``; ``sign`` is used where the size may go either
+    way.
+    """
+    what = SIZES[name]
+    if what.speed_share:
+        return {
+            what.local: -size
+            * drawn.declared.parameters["airspeed"].value
+            / drawn.surrogate.flight.duration
+        }
+    return {what.local: sign * size if what.either else size}

@@ -1,12 +1,11 @@
-"""What a lateral surrogate flight's seed decides, as `flights.drawing` for the longitudinal
-ones.
-"""
+"""The lateral surrogate flights: aircraft, what the seed determines, hidden effects, maneuvers."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,14 +13,230 @@ import numpy as np
 from exam.hidden_terms.anti_alias_filter import AntiAliasFilter
 from exam.surrogates.declaration import Causes, Surrogate
 from exam.surrogates.flights.drawing import Drawn, dealt, with_term
-from exam.surrogates.flights.lateral.aircraft import OWN_PARAMETERS, LateralFlight
-from exam.surrogates.flights.lateral.maneuvers import maneuver_pair
-from sim.declaration.effect import Parameter, ParameterSet
+from exam.surrogates.flights.kinds import AtSize, Kind, curve, event, only, scale, start
+from exam.surrogates.flights.maneuvers import KINDS, Table, carried_out
+from sim.declaration.effect import Parameter, ParameterSet, Signal
 from sim.declaration.model import Model, Noise
 from sim.effects.library import find_effect
+from sim.maneuvers import Delayed, Maneuver, schroeder_multisine
+from sim.maths import G0, cos
 from sim.vehicles.factory import linearise, model_from_constants
 from sim.vehicles.library import read_parameter_set
 from sim.vehicles.uncoupled import LATERAL_CONSTANTS, Lateral
+
+# ---- The aircraft of a lateral surrogate flight
+
+BASE = Lateral()
+OWN_PARAMETERS: Mapping[str, str] = {
+    "gravity": "1",
+    "wash": "1/rad",
+    "wash_lag": "s",
+    "yaw_cube": "1/rad3",
+    "side_cube": "1/rad3",
+}
+
+
+@dataclass(frozen=True)
+class LateralFlight:
+    """The lateral equations with an airspeed that drifts, the sine of the bank, a fin that feels
+    the sidewash late, and curved loads.
+
+    V_dot = thrust, beta_dot += ``gravity`` (g/V) cos(theta0) (sin(phi) - phi), Cn += ``wash`` (beta
+    - washed) + ``yaw_cube`` beta^3, washed_dot = (beta - washed)/``wash_lag``, CY += ``side_cube``
+    beta^3; beta that of the air. Side wind and thrust are inputs that no record holds. With all of
+    the own parameters zero but the lag, nothing but `Lateral` is left in its outputs, bit for bit.
+    """
+
+    name: str = "lateral"
+    states: tuple[Signal, ...] = (
+        *BASE.states,
+        Signal("speed", "m/s", "airspeed above the start"),
+        Signal("washed", "rad", "sideslip that the fin feels"),
+    )
+    inputs: tuple[Signal, ...] = (
+        *BASE.inputs,
+        Signal("sidewind", "m/s", "gust from the right"),
+        Signal("thrust", "m/s2", "thrust above drag over mass"),
+    )
+    outputs: tuple[Signal, ...] = BASE.outputs
+    no_controls: tuple[str, ...] = ("sidewind", "thrust")
+    ports: tuple[Signal, ...] = BASE.ports
+    parameter_names: tuple[str, ...] = (*BASE.parameter_names, *OWN_PARAMETERS)
+
+    def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
+        moved = {
+            "airspeed_change": s.airspeed_change + s.speed,
+            "gust": s.gust + s.sidewind / p.airspeed,
+        }
+        found = BASE.flow(SimpleNamespace(**{**vars(s), **moved}), p)
+        beta = found["beta_air"]
+        loads = {
+            "yaw": s.yaw + p.wash * (beta - s.washed) + p.yaw_cube * beta**3,
+            "side_force": s.side_force + p.side_cube * beta**3,
+        }
+        return {**found, **moved, **loads}
+
+    def derivatives(self, s: Any, p: Any) -> Sequence[Any]:
+        beta_rate, *others = BASE.derivatives(s, p)
+        bent = p.gravity * G0 / s.V * cos(p.trim_theta) * (_sine(s.phi) - s.phi)
+        return beta_rate + bent, *others, s.thrust, (s.beta_air - s.washed) / p.wash_lag
+
+    def measurements(self, s: Any, p: Any) -> Sequence[Any]:
+        return BASE.measurements(s, p)
+
+
+def _sine(angle: Any) -> Any:
+    return cos(angle - 0.5 * math.pi)
+
+
+# ---- Pairs of rudder and aileron maneuvers
+
+# An aileron rolls faster than a rudder yaws: shorter steps, smaller deflections.
+ROLL_UNIT, ROLL_AMPLITUDE = 0.6, 0.6
+SECOND = 0.5  # of the record, when the second control begins
+Pair = Callable[[np.random.Generator, float, float, float], tuple[Maneuver, Maneuver]]
+
+
+def maneuver_pair(
+    kind: str,
+    rng: np.random.Generator,
+    amplitude: float,
+    unit: float,
+    duration: float,
+    surface: float,
+) -> dict[str, Table]:
+    """Rudder and aileron as their servos carry them out.
+
+    ``amplitude`` of the rudder, rad; ``unit`` the step of a 3-2-1-1 that suits the Dutch roll, s;
+    ``surface`` the servos' frequency, rad/s.
+    """
+    rudder, aileron = PAIRS[kind](rng, amplitude, unit, duration)
+    return {
+        "rudder": carried_out(rudder, surface, duration),
+        "aileron": carried_out(aileron, surface, duration),
+    }
+
+
+def _in_turn(first: str, second: str) -> Pair:
+    """Rudder and aileron in either order, the second in the second half."""
+
+    def pair(
+        rng: np.random.Generator, amplitude: float, unit: float, duration: float
+    ) -> tuple[Maneuver, Maneuver]:
+        half = SECOND * duration
+        rudder = KINDS[first](rng, amplitude, unit, half)
+        aileron = KINDS[second](rng, ROLL_AMPLITUDE * amplitude, ROLL_UNIT * unit, half)
+        if rng.random() < 0.5:
+            return Delayed(rudder, half), aileron
+        return rudder, Delayed(aileron, half)
+
+    return pair
+
+
+def _multisines(
+    rng: np.random.Generator, amplitude: float, unit: float, duration: float
+) -> tuple[Maneuver, Maneuver]:
+    """Both at once, with harmonics of their own."""
+    period = math.floor(duration) - 3.0
+    highest = max(7, round(period * rng.uniform(0.5, 0.8) / unit))
+    rudder = schroeder_multisine(0.4 * amplitude, period, range(2, highest, 2), 1.0)
+    return rudder, schroeder_multisine(
+        0.4 * ROLL_AMPLITUDE * amplitude, period, range(3, highest, 2), 1.0
+    )
+
+
+PAIRS: Mapping[str, Pair] = {
+    "3-2-1-1": _in_turn("3-2-1-1", "3-2-1-1"),
+    "doublets": _in_turn("two-doublets", "two-doublets"),
+    "multisine": _multisines,
+    "hand-flown": _in_turn("hand-flown", "hand-flown"),
+    "mixed": _in_turn("two-doublets", "3-2-1-1"),
+}
+USUAL_PAIRS = ("3-2-1-1", "doublets", "hand-flown", "mixed", "multisine")
+
+
+# ---- What can be hidden in the lateral surrogate flights
+
+SENSORS = ("beta", "p", "r", "phi", "ny")
+SCALED = ("beta", "p", "r", "ny")
+
+
+def _value(drawn: Drawn, name: str) -> float:
+    return drawn.declared.parameters[name].value
+
+
+def _late(drawn: Drawn) -> float:
+    return min(0.3, 0.7 / dutch_roll(drawn.declared))
+
+
+def _peak(signal: str, share: float) -> Callable[[Drawn], float]:
+    return lambda drawn: (
+        share * max(float(np.max(np.abs(move.values))) for move in drawn.moves(signal))
+    )
+
+
+def _control(signal: str) -> Kind:
+    def kind(drawn: Drawn, rng: np.random.Generator) -> AtSize:
+        at = curve(_peak(signal, 0.4))(drawn, rng)
+        return lambda size: {**at(size), "lift_share": 1.0}
+
+    return kind
+
+
+def _fin(drawn: Drawn, rng: np.random.Generator) -> AtSize:
+    """A mode of the rear fuselage and the fin, driven by the rudder."""
+    held = {
+        "frequency": rng.uniform(7.0, 20.0),
+        "damping": rng.uniform(0.015, 0.05),
+        "angle_gain": 0.0,
+    }
+    most = {
+        "side_force": 1.5 * _value(drawn, "CY_dr"),
+        "yaw": 0.6 * _value(drawn, "Cn_dr"),
+        "gyro": 0.06,
+    }
+    return lambda size: {**held, **{local: size * value for local, value in most.items()}}
+
+
+def _gust(drawn: Drawn, rng: np.random.Generator) -> AtSize:
+    begin = {"start": start(drawn, rng), "duration": float(rng.uniform(0.8, 2.0))}
+    return event(
+        lambda drawn: {"peak": 0.12 * _value(drawn, "airspeed")}, lambda drawn, rng: begin
+    )(drawn, rng)
+
+
+def _arm(share: float) -> Kind:
+    return event(lambda drawn: {"arm": share * _value(drawn, "span")}, lambda drawn, rng: {})
+
+
+LATERAL_KINDS: Mapping[str, Kind] = {
+    **{f"input-delay:{signal}": only("delay", _late) for signal in ("rudder", "aileron")},
+    **{
+        f"actuator-lag:{signal}": only("time_constant", lambda drawn: 1.5 * _late(drawn))
+        for signal in ("rudder", "aileron")
+    },
+    **{
+        f"input-backlash:{signal}": only("half_width", _peak(signal, 0.4))
+        for signal in ("rudder", "aileron")
+    },
+    **{
+        f"input-deadband:{signal}": only("half_width", _peak(signal, 0.5))
+        for signal in ("rudder", "aileron")
+    },
+    **{f"control-nonlinearity:{signal}": _control(signal) for signal in ("rudder", "aileron")},
+    "yaw-nonlinearity": curve(lambda drawn: 0.04 * abs(_value(drawn, "Cn_beta"))),
+    "elastic-mode": _fin,
+    "vane-offset": only("arm", lambda drawn: 1.2 * _value(drawn, "span")),
+    "accelerometer-offset:ny": _arm(0.8),
+    **{f"sensor-scale:{channel}": scale for channel in SCALED},
+    **{f"sensor-lag:{channel}": only("time_constant", _late) for channel in SENSORS},
+    **{f"sensor-delay:{channel}": only("delay", _late) for channel in SENSORS},
+    "gust-discrete": _gust,
+    "gust-turbulence": only("sigma", lambda drawn: 0.04 * _value(drawn, "airspeed")),
+}
+
+
+# ---- What a lateral surrogate flight's seed decides, as `flights.drawing` for the longitudinal
 
 CONDITION = ("airspeed", "air_density", "trim_alpha", "trim_theta", "cross_inertia")
 UNITS = (0.3, 1.5)  # s, of a 3-2-1-1

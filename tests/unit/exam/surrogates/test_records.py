@@ -11,8 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from exam.surrogates.catalogue import load_surrogate, surrogate_names
-from exam.surrogates.declaration import MEASURED, OPTIONAL, Causes, Hidden
+from exam.surrogates.declaration import (
+    MEASURED,
+    OPTIONAL,
+    Causes,
+    Hidden,
+    load_surrogate,
+    surrogate_names,
+)
 from exam.surrogates.fitting import declared_model, left_over, misfit
 from exam.surrogates.flights.dominant import LEAST, group, sized
 from exam.surrogates.flights.drawing import Dominant, Drawn, draw, hiding

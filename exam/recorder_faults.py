@@ -1,4 +1,8 @@
-"""Faults of one column, or of two: which value stands in which row."""
+"""Faults of a recorder, which are put into a record after sampling and noise.
+
+Each fault is a function of a record, named values and a random generator, and returns a record. A
+new one becomes an entry of `exam.random_cases.kinds`.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from sim.record import Channel, Record
+
+# ---- Faults of one column, or of two
 
 
 def with_column(record: Record, name: str, values: np.ndarray) -> Record:
@@ -75,3 +81,69 @@ def burst(
 
 def _during(record: Record, values: Mapping[str, float]) -> np.ndarray:
     return (record.time >= values["begin"]) & (record.time < values["begin"] + values["length"])
+
+
+# ---- Faults of the time column and of whole rows
+
+
+def fast_clock(record: Record, values: Mapping[str, float], rng: np.random.Generator) -> Record:
+    """The clock counts ``factor`` seconds in a true one."""
+    return replace(record, time=record.time * values["factor"])
+
+
+def rows_missing(record: Record, values: Mapping[str, float], rng: np.random.Generator) -> Record:
+    """No rows for ``length`` seconds from ``begin``, s; the time column tells."""
+    return _kept(record, _outside(record, values))
+
+
+def rows_lost(record: Record, values: Mapping[str, float], rng: np.random.Generator) -> Record:
+    """The same with a time column that was written afterwards, even from end to end: what follows
+    comes too early.
+    """
+    kept = _kept(record, _outside(record, values))
+    return replace(kept, time=record.time[: len(kept)])
+
+
+def _outside(record: Record, values: Mapping[str, float]) -> np.ndarray:
+    return (record.time < values["begin"]) | (record.time >= values["begin"] + values["length"])
+
+
+def _kept(record: Record, rows: np.ndarray) -> Record:
+    def cut(channels: tuple[Channel, ...]) -> tuple[Channel, ...]:
+        return tuple(
+            replace(channel, values=channel.values[rows], valid=channel.valid[rows])
+            for channel in channels
+        )
+
+    return replace(
+        record, time=record.time[rows], inputs=cut(record.inputs), outputs=cut(record.outputs)
+    )
+
+
+# ---- Faults of what a value means
+
+
+def coarse(
+    name: str, record: Record, values: Mapping[str, float], rng: np.random.Generator
+) -> Record:
+    """Values are rounded to multiples of ``bit``, in the channel's unit."""
+    return with_column(record, name, np.round(record[name].values / values["bit"]) * values["bit"])
+
+
+def clipped(
+    name: str, record: Record, values: Mapping[str, float], rng: np.random.Generator
+) -> Record:
+    """The sensor ends ``share`` of its range short of its highest value and as much above its
+    lowest.
+    """
+    column = record[name].values
+    low, high = float(np.min(column)), float(np.max(column))
+    edge = values["share"] * (high - low)
+    return with_column(record, name, np.clip(column, low + edge, high - edge))
+
+
+def scaled(
+    name: str, record: Record, values: Mapping[str, float], rng: np.random.Generator
+) -> Record:
+    """``factor`` times the value under the same header: a sign turned, or another unit."""
+    return with_column(record, name, values["factor"] * record[name].values)

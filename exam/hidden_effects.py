@@ -1,18 +1,27 @@
-"""Many flights of one tracing scenario: how often the verdict is the expected one, what is hidden
-is named, and something false is claimed.
-"""
+"""Campaigns of hidden-effect scenarios: many flights of one scenario, tables, files and page."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import csv
+import io
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from exam.repeated import LoopFlights
+from exam.options import exam_reproduction
+from exam.repeated import FlownCampaign, LoopFlights
 from exam.scores.rates import Scores, hidden_label
+from exam.scores.report import (
+    SHARED,
+    drawn_scores,
+    scores_blocks,
+    scores_content,
+    scores_sections,
+    share_cells,
+)
 from exam.scores.scored_flight import (
     ScoredFlight,
     claims_of,
@@ -25,10 +34,19 @@ from exam.scores.scored_flight import (
 )
 from exam.scoring import Share, same_fault, share_of_flights, share_within_flights
 from ident.tracing.diagnosis import Claim, Verdict
+from scenarios.files.sources import versions
+from scenarios.files.writing import study_folder, write_json
+from scenarios.report.document import Cell, Column, Page, as_sentence, capital, now, section
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.folder import write_page
+from scenarios.report.summary import WIDTH
+from scenarios.report.terminal import rows_table, table_as_lines
 from scenarios.studies.catalogue import load_document
 from scenarios.trials.planted.declaration import Grade, TraceScenario
 from scenarios.trials.planted.flights import trace_scenario_of
 from scenarios.trials.planted.study import TraceStudy, run_trace
+
+# ---- Many flights of one tracing scenario
 
 SIGMAS = 2.0
 
@@ -189,3 +207,156 @@ def trace_shares(judged: Sequence[TraceJudged]) -> dict[str, Share]:
 
 def _group(claim: Claim) -> tuple[str, ...]:
     return claim.name, *claim.alternatives
+
+
+# ---- A campaign of a tracing scenario in tables, and as files
+
+VERDICTS = (Column("verdict"), replace(SHARED[0], heading="flights"), *SHARED[1:])
+SHARES = (Column("share"), *SHARED)
+_LABELS = {
+    "expected": "flights with the expected answer",
+    "expected_or_alternative": "the same, one name among its alternatives",
+    "named": "hidden effects named, alone or in a group",
+    "named_alone": "hidden effects named alone",
+    "false_claims": "flights with a claim that nothing true stands behind",
+    "within_two_sigma": "derivatives within two sigmas of what the fitted model should find",
+}
+
+
+def trace_campaign_text(
+    scenario: TraceScenario, judged: Sequence[TraceJudged], seeds: str, width: int = WIDTH
+) -> str:
+    """Verdicts and shares with their intervals, false claims one by one; ``seeds`` in words."""
+    blocks = [
+        [f"{scenario.name}: {len(judged)} flights, {seeds}", expected_line(scenario)],
+        table_as_lines(rows_table("", VERDICTS, verdict_rows(judged))),
+        table_as_lines(rows_table("", SHARES, share_rows(judged))),
+        false_lines(judged),
+        *scores_blocks(scores_of(judged), width),
+    ]
+    return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+
+
+def expected_line(scenario: TraceScenario) -> str:
+    """Verdicts and effects that the scenario expects."""
+    expected = (
+        " or ".join(" + ".join(names) for names in scenario.expect.effects) or "nothing to claim"
+    )
+    return f"expected: {' or '.join(scenario.expect.verdicts)}, {expected}"
+
+
+def verdict_rows(judged: Sequence[TraceJudged]) -> list[tuple[Cell, ...]]:
+    """Cells below ``VERDICTS``."""
+    return [(name, *share_cells(share)) for name, share in verdict_shares(judged).items()]
+
+
+def share_rows(judged: Sequence[TraceJudged]) -> list[tuple[Cell, ...]]:
+    """Cells below ``SHARES``."""
+    return [
+        (_LABELS[key], *share_cells(share))
+        for key, share in trace_shares(judged).items()
+        if share.of
+    ]
+
+
+def false_lines(judged: Sequence[TraceJudged]) -> list[str]:
+    """Every claim of what is not there."""
+    return [
+        f"seed {flight.seed}: {' and '.join(flight.false)} claimed, and not there"
+        for flight in judged
+        if flight.false
+    ]
+
+
+def write_trace_campaign(
+    scenario: TraceScenario,
+    done: FlownCampaign,
+    out: str | Path,
+    paged: Callable[[Sequence[Drawn]], Page],
+    figures: Formats = USUAL,
+) -> Path:
+    """Write ``flights.csv``, one row a flight, figures, the page that ``paged`` makes with them,
+    and ``campaign.json`` (last).
+    """
+    judged: Sequence[TraceJudged] = done.found
+    scores = scores_of(judged)
+    with study_folder(out, "campaign.json") as scratch:
+        text = io.StringIO(newline="")
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(["seed", "verdict", "grade", "said", "hidden", "named", "false_claims"])
+        for flight in judged:
+            lists = (
+                flight.claimed,
+                [name for name, _ in flight.named],
+                [name for name, hit in flight.named if hit],
+                flight.false,
+            )
+            writer.writerow(
+                [
+                    flight.seed,
+                    flight.verdict,
+                    flight.grade.name.lower(),
+                    *(" + ".join(names) for names in lists),
+                ]
+            )
+        (scratch / "flights.csv").write_text(text.getvalue(), encoding="utf-8", newline="\n")
+        shares = {
+            **{f"verdict.{name}": share for name, share in verdict_shares(judged).items()},
+            **trace_shares(judged),
+        }
+        content = {
+            "schema": "flightid/campaign/1",
+            "scenario": scenario.name,
+            **done.content,
+            "expected": {
+                "verdicts": list(scenario.expect.verdicts),
+                "effects": [list(names) for names in scenario.expect.effects],
+            },
+            "shares": {
+                key: {"count": share.count, "of": share.of, "interval": list(share.interval)}
+                for key, share in shares.items()
+                if share.of
+            },
+            "marks": scores_content(scores),
+            "versions": versions(),
+        }
+        write_page(scratch, paged(drawn_scores(scores, scenario.name, scratch, figures)))
+        write_json(scratch / "campaign.json", content)
+    return Path(out)
+
+
+# ---- The page of a campaign of a hidden-effect scenario
+
+
+def campaign_page(
+    scenario: TraceScenario, done: FlownCampaign, drawn: Sequence[Drawn] = ()
+) -> Page:
+    """The page of a campaign with the figures ``drawn``: verdicts and shares with their intervals,
+    names, probabilities, sigmas.
+    """
+    judged: Sequence[TraceJudged] = done.found
+    shares, false = trace_shares(judged), false_lines(judged)
+    right = shares["expected"]
+    command = ("hidden-effects", scenario.name, "--runs", str(done.ended), "--seed", str(done.root))
+    return Page(
+        title=f"{capital(scenario.title)}: {len(judged)} flights",
+        kind=f"Campaign of {scenario.name}",
+        verdict="false claims" if false else "no false claim",
+        tone="fair" if false else "good",
+        sentence=f"{right.count} of {right.of} flights give the expected answer.",
+        summary=(as_sentence(expected_line(scenario)),),
+        warnings=tuple(map(as_sentence, [*false, *([done.failed] if done.failed else [])])),
+        sections=(
+            *section(
+                "Verdicts",
+                rows_table("Verdicts with their 95 % intervals", VERDICTS, verdict_rows(judged)),
+            ),
+            *section(
+                "How often the loop is right",
+                rows_table("Shares with their 95 % intervals", SHARES, share_rows(judged)),
+            ),
+            *scores_sections(scores_of(judged), drawn),
+        ),
+        reproduction=exam_reproduction(command, as_sentence(done.words)),
+        created=now(),
+    )
