@@ -101,7 +101,7 @@ class Phugoid:
     regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     aliases: ClassVar[tuple[str, ...]] = ("speed-variation",)
     explanation: ClassVar[str] = (
-        "The aircraft exchanges speed and height. After a pitch-up it climbs, loses speed, loses "
+        "Phugoid, speed against height. After a pitch-up the aircraft climbs, loses speed, loses "
         "lift and sinks again: u_dot = -g (theta - alpha) and theta_dot = q. Over the tens of "
         "seconds of a maneuver this is the beginning of the phugoid, the slow oscillation with a "
         "frequency near sqrt(2) g/V. The lift that carries the weight is proportional to the "
@@ -244,15 +244,15 @@ class SpeedVariation(WithoutStates, ProbedAtAbsence):
         recorded_as="airspeed_change",
     )
     explanation: ClassVar[str] = (
-        "The airspeed changes steadily during the record: V(t) = V + rate (t - begin). All forces "
-        "are proportional to V^2 and the damping by rates to V. In an acceleration the short "
-        "period becomes faster along the record, and the load factor per angle of attack "
-        "increases. A model with one speed fits the middle of the record best, and its errors at "
-        "the two ends have opposite signs. The lift that carries the weight also increases with "
-        "V^2. Unless an unrecorded input keeps the aircraft in trim, nz and the angle of attack "
-        "drift together, nz by (V(t)/V)^2 - 1. A measured airspeed settles the question. Without "
-        "one, maneuvers both early and late in the record are needed. On the lateral model only "
-        "pressure, damping and the turn under gravity change, and the Dutch roll becomes faster."
+        "The airspeed changes steadily: V(t) = V + rate (t - begin). All forces are proportional "
+        "to V^2 and the damping by rates to V. In an acceleration the short period becomes faster "
+        "along the record, and the load factor per angle of attack increases. A model with one "
+        "speed fits the middle of the record best, and its errors at the two ends have opposite "
+        "signs. The lift that carries the weight also increases with V^2. Unless an unrecorded "
+        "input keeps the aircraft in trim, nz and the angle of attack drift together, nz by "
+        "(V(t)/V)^2 - 1. A measured airspeed settles the question. Without one, maneuvers both "
+        "early and late in the record are needed. On the lateral model only pressure, damping and "
+        "the turn under gravity change, and the Dutch roll becomes faster."
     )
 
     @property

@@ -130,16 +130,16 @@ class GustDiscrete(SingleGust):
         per_record=True,
     )
     explanation: ClassVar[str] = (
-        "The aircraft flies through a single region of rising air. The vertical speed of the air "
-        "is w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)) from start to start + duration, "
-        "the usual design gust. The gust adds w/V to the angle of attack in CL, in Cm and in the "
-        "reading of the vane. The angle of attack as a state changes only later, as the aircraft "
-        "responds. The vane therefore moves before the pitch rate, which no control input can "
-        "cause. The length of the gust in the air is V times its duration. A second form keeps the "
-        "peak after half the duration: the aircraft has entered air that keeps rising. A refined "
-        "form of both has three more shapes, for gusts that begin with a kink, rise faster than "
-        "they fall, or are flat on top. On the lateral model the gust comes from the right and "
-        "acts through the sideslip angle on side force, roll and yaw."
+        "A single vertical gust: the vertical speed of the air is w(t) = (peak/2) (1 - cos(2 pi (t "
+        "- start)/duration)) from start to start + duration, the usual design gust. The gust adds "
+        "w/V to the angle of attack in CL, in Cm and in the reading of the vane. The angle of "
+        "attack as a state changes only later, as the aircraft responds. The vane therefore moves "
+        "before the pitch rate, which no control input can cause. The length of the gust in the "
+        "air is V times its duration. A second form keeps the peak after half the duration: the "
+        "aircraft has entered air that keeps rising. A refined form of both has three more shapes, "
+        "for gusts that begin with a kink, rise faster than they fall, or are flat on top. On the "
+        "lateral model the gust comes from the right and acts through the sideslip angle on side "
+        "force, roll and yaw."
     )
 
     @property
@@ -235,17 +235,17 @@ class GustTurbulence:
         never_beside=("gust-discrete",),
     )
     explanation: ClassVar[str] = (
-        "The air is turbulent throughout the record. Its vertical speed w is random, with the "
-        "standard deviation sigma and the scale length L, which the aircraft crosses in L/V "
-        "seconds. Its spectrum is that of Dryden, S(W) = sigma^2 (L/pi) (1 + 3 (L W)^2)/(1 + (L "
-        "W)^2)^2 over the spatial frequency W. w/V adds to alpha in the loads and in the reading "
-        "of the vane. A simulation from the recorded inputs cannot follow such a record. The model "
-        "is therefore assessed by its one-step predictions, whose errors stay correlated until the "
-        "gust is estimated together with the motion. If turbulence is neglected, the sigmas of all "
-        "derivatives are too small. A record determines sigma^2/L, the level at high frequency. If "
-        "it spans only a few scale lengths, the estimates of sigma and L are both too low, and so "
-        "are their sigmas. On the lateral model the gusts come from the right and act through the "
-        "sideslip angle."
+        "Vertical turbulence. The vertical speed w of the air is random throughout the record, "
+        "with the standard deviation sigma and the scale length L, which the aircraft crosses in "
+        "L/V seconds. Its spectrum is that of Dryden, S(W) = sigma^2 (L/pi) (1 + 3 (L W)^2)/(1 + "
+        "(L W)^2)^2 over the spatial frequency W. w/V adds to alpha in the loads and in the "
+        "reading of the vane. A simulation from the recorded inputs cannot follow such a record. "
+        "The model is therefore assessed by its one-step predictions, whose errors stay correlated "
+        "until the gust is estimated together with the motion. If turbulence is neglected, the "
+        "sigmas of all derivatives are too small. A record determines sigma^2/L, the level at high "
+        "frequency. If it spans only a few scale lengths, the estimates of sigma and L are both "
+        "too low, and so are their sigmas. On the lateral model the gusts come from the right and "
+        "act through the sideslip angle."
     )
 
     @property

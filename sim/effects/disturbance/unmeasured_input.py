@@ -77,12 +77,11 @@ class UnmeasuredInput(SizedOnPorts, WithoutStates):
             )
         )
         return (
-            "A load acts on the aircraft that no channel records. Causes are a flap, a speed "
-            "brake, another surface, thrust with a pitching moment, or the release of a store. "
-            f"{loads} from start to start + duration, or from start on without end. The motion "
-            "begins without any recorded input and follows the modes of the aircraft. A gust does "
-            "this, too, but acts through the angle of the air and moves the vane at once, so that "
-            f"{ratio}."
+            "A load acts that is not recorded. Causes are a flap, a speed brake, another surface, "
+            f"thrust with a pitching moment, or the release of a store. {loads} from start to "
+            "start + duration, or from start on without end. The motion begins without any "
+            "recorded input and follows the modes of the aircraft. A gust does this, too, but "
+            f"acts through the angle of the air and moves the vane at once, so that {ratio}."
         )
 
     @property

@@ -41,12 +41,12 @@ class DensityScaleHeight(WithoutStates, ProbedAtAbsence):
         plausible={"change": (-0.4, 0.6)},
     )
     explanation: ClassVar[str] = (
-        "The density of the air decreases with altitude by another scale height than declared: rho "
-        "= rho0 exp(-altitude / (H (1 + change))). The cause is an atmosphere that is warmer or "
-        "colder than the declared one; the density at altitude zero is as declared. At a single "
-        "altitude this is the same as another ballistic coefficient. A fall through several scale "
-        "heights distinguishes the two, since the error grows with altitude. A change of the "
-        "temperature by one per cent changes the scale height by one per cent."
+        "Another density scale height: the density of the air is rho = rho0 exp(-altitude / (H (1 "
+        "+ change))). The cause is an atmosphere that is warmer or colder than the declared one; "
+        "the density at altitude zero is as declared. At a single altitude this is the same as "
+        "another ballistic coefficient. A fall through several scale heights distinguishes the "
+        "two, since the error grows with altitude. A change of the temperature by one per cent "
+        "changes the scale height by one per cent."
     )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
@@ -94,13 +94,12 @@ class DragMach(WithoutStates, ProbedAtAbsence):
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ("density-scale-height",)
     explanation: ClassVar[str] = (
-        "The drag coefficient depends on the Mach number M. Shock waves increase it near the speed "
-        "of sound, and it decreases again at higher speeds. Drag = exp(f(M)) * 0.5 rho v^2 / beta, "
-        "where f is a smooth curve (natural cubic spline). f is zero at the lowest Mach number "
-        "flown, where beta is the ballistic coefficient. A body that decelerates through the speed "
-        "of sound shows the curve best. Speed and altitude decrease together, so in a single fall "
-        "the curve resembles another density profile. Falls of different speed distinguish the "
-        "two."
+        "Drag depends on the Mach number M. Shock waves increase it near the speed of sound, and "
+        "it decreases again at higher speeds. Drag = exp(f(M)) * 0.5 rho v^2 / beta, where f is a "
+        "smooth curve (natural cubic spline). f is zero at the lowest Mach number flown, where "
+        "beta is the ballistic coefficient. A body that decelerates through the speed of sound "
+        "shows the curve best. Speed and altitude decrease together, so in a single fall the curve "
+        "resembles another density profile. Falls of different speed distinguish the two."
     )
 
     @property

@@ -193,13 +193,14 @@ class ControlNonlinearity(NonlinearControl):
     def explanation(self) -> str:
         moment, lift = (name.partition("_")[0] for name in (self.moment_by, self.lift_by))
         return (
-            "The effect of a control surface is not proportional to its deflection. Causes are "
-            "flow separation, a gap that opens, or a difference between up and down. For a "
-            f"deflection d, {moment} = ... + {self.moment_by} (d + f(d)) and {lift} = ... + "
-            f"{self.lift_by} (d + lift_share f(d)). f is a smooth curve (natural cubic spline, "
-            "four shapes) over the range of deflections flown, with f = 0 and zero slope at zero "
-            "deflection. An input of a few fixed levels shows f at these levels only. It then "
-            "cannot distinguish f from an actuator stop or a dead band; a multisine can."
+            "Nonlinear control effectiveness. The effect of a control surface is not proportional "
+            "to its deflection. Causes are flow separation, a gap that opens, or a difference "
+            f"between up and down. For a deflection d, {moment} = ... + {self.moment_by} (d + "
+            f"f(d)) and {lift} = ... + {self.lift_by} (d + lift_share f(d)). f is a smooth curve "
+            "(natural cubic spline, four shapes) over the range of deflections flown, with f = 0 "
+            "and zero slope at zero deflection. An input of a few fixed levels shows f at these "
+            "levels only. It then cannot distinguish f from an actuator stop or a dead band; a "
+            "multisine can."
         )
 
     @property
@@ -305,13 +306,14 @@ class ControlUnevenness(NonlinearControl):
     def explanation(self) -> str:
         moment = self.moment_by.partition("_")[0]
         return (
-            "A control surface is more effective to one side than to the other. For a deflection d "
-            f"from trim, {moment} = ... + {self.moment_by} (d + unevenness |d|); the other "
-            "coefficients change likewise. Causes are a tail near its stall, a gap that opens on "
-            "one side, or an actuator with two gains. The declared derivative is the mean of both "
-            "sides. A model with one slope then has errors of the same sign for deflections up and "
-            "down, and its attitude after a doublet differs from that of the aircraft. Inputs to "
-            "one side only merely change the derivative, so steps to both sides are needed."
+            "Uneven control effectiveness. A control surface is more effective to one side than "
+            f"to the other. For a deflection d from trim, {moment} = ... + {self.moment_by} (d + "
+            "unevenness |d|); the other coefficients change likewise. Causes are a tail near its "
+            "stall, a gap that opens on one side, or an actuator with two gains. The declared "
+            "derivative is the mean of both sides. A model with one slope then has errors of the "
+            "same sign for deflections up and down, and its attitude after a doublet differs from "
+            "that of the aircraft. Inputs to one side only merely change the derivative, so steps "
+            "to both sides are needed."
         )
 
     def curve(self, d: Any, p: Any) -> Any:
@@ -357,11 +359,12 @@ class ControlWeakening(NonlinearControl):
     def explanation(self) -> str:
         moment = self.moment_by.partition("_")[0]
         return (
-            "The effectiveness of a control surface falls with its deflection, equally to both "
-            f"sides. For a deflection d, {moment} = ... + {self.moment_by} (d - loss d (d/D)^2), "
-            "where D is the largest deflection flown; the other coefficients change likewise. "
-            "Causes are a gap that opens and flow that begins to separate. With an input of a few "
-            "fixed levels an actuator stop looks the same; a multisine distinguishes the two."
+            "Falling control effectiveness. The effectiveness of a control surface falls with its "
+            f"deflection, equally to both sides. For a deflection d, {moment} = ... + "
+            f"{self.moment_by} (d - loss d (d/D)^2), where D is the largest deflection flown; the "
+            "other coefficients change likewise. Causes are a gap that opens and flow that begins "
+            "to separate. With an input of a few fixed levels an actuator stop looks the same; a "
+            "multisine distinguishes the two."
         )
 
     def curve(self, d: Any, p: Any) -> Any:

@@ -148,20 +148,20 @@ def _derivatives(equations: OwnEquations) -> list[tuple[str, str]]:
 
 
 PITCH_EXPLANATION = (
-    "Derivatives of the aircraft change at one time. Causes are ice that breaks off, damage of a "
-    "surface, a shift of the centre of gravity by fuel or a store, or a flap that moves. From the "
-    "time t0 on the moment is Cm = (Cm_alpha + change) alpha + ..., and the lift likewise: "
-    "stability, damping, control power and lift slope may each change. The declared model fits "
-    "before t0, but not after it. A change after the last maneuver is not observable, since a "
-    "derivative acts only while its signal moves."
+    "Derivatives change at one time. Causes are ice that breaks off, damage of a surface, a shift "
+    "of the centre of gravity by fuel or a store, or a flap that moves. From the time t0 on the "
+    "moment is Cm = (Cm_alpha + change) alpha + ..., and the lift likewise: stability, damping, "
+    "control power and lift slope may each change. The declared model fits before t0, but not "
+    "after it. A change after the last maneuver is not observable, since a derivative acts only "
+    "while its signal moves."
 )
 LATERAL_EXPLANATION = (
-    "Derivatives of the aircraft change at one time. Causes are ice that breaks off, damage of a "
-    "surface, a store that leaves one wing, or a fin tank that empties. From the time t0 on one "
-    "coefficient has other derivatives: for yaw Cn = (Cn_beta + change) beta + (Cn_dr + change) "
-    "rudder + ..., for roll and side force Cl and CY likewise. The declared model fits before t0, "
-    "but not after it. A change after the last maneuver is not observable, since a derivative acts "
-    "only while its signal moves."
+    "Derivatives change at one time. Causes are ice that breaks off, damage of a surface, a store "
+    "that leaves one wing, or a fin tank that empties. From the time t0 on one coefficient has "
+    "other derivatives: for yaw Cn = (Cn_beta + change) beta + (Cn_dr + change) rudder + ..., for "
+    "roll and side force Cl and CY likewise. The declared model fits before t0, but not after it. "
+    "A change after the last maneuver is not observable, since a derivative acts only while its "
+    "signal moves."
 )
 
 
@@ -349,12 +349,11 @@ class DragJump(WithoutStates):
         per_record=True,
     )
     explanation: ClassVar[str] = (
-        "The drag of a falling body changes at one time. Causes are a heat shield that is dropped, "
-        "a drogue that opens, a fin that breaks, or the begin of tumbling. From then on the drag "
-        "is another multiple of the dynamic pressure, drag = factor * 0.5 rho v^2 / beta. The "
-        "altitude has no step, only its curvature has: the residual bends from that time on. At "
-        "high altitude, where there is hardly any air, a change is not observable until the "
-        "density increases."
+        "The drag changes at one time. Causes are a heat shield that is dropped, a drogue that "
+        "opens, a fin that breaks, or the begin of tumbling. From then on the drag is another "
+        "multiple of the dynamic pressure, drag = factor * 0.5 rho v^2 / beta. The altitude has no "
+        "step, only its curvature has: the residual bends from that time on. At high altitude, "
+        "where there is hardly any air, a change is not observable until the density increases."
     )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:

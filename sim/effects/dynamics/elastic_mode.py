@@ -110,7 +110,7 @@ class ElasticMode:
             )
         )
         return (
-            f"{part}, whereas the declared model assumes that it is rigid. One elastic mode is an "
+            f"{part}. The declared model assumes that it is rigid. One elastic mode is an "
             f"oscillator that the {control} and {angle} drive: eta_ddot = -2 damping frequency "
             f"eta_dot + frequency^2 (control + angle_gain {angle} - eta). Bending changes {loads}. "
             f"It also turns the place where the gyro is mounted, which reads {rate} + gyro "

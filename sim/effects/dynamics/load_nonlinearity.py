@@ -31,10 +31,10 @@ def _explained(load: str, angle: str, slope: str, cause: str, shown: str) -> str
     """
     coefficient = slope.partition("_")[0]
     return (
-        f"The {load} is not linear in the angle of {'attack' if angle == 'alpha' else 'sideslip'}. "
-        f"{cause} {coefficient} += f({angle}), where f is a smooth curve (natural cubic spline, "
-        f"four shapes) over the range flown. f is zero with zero slope in trim, so that {slope} "
-        f"stays the slope there. {shown}"
+        f"Nonlinear {load}: it is not linear in the angle of "
+        f"{'attack' if angle == 'alpha' else 'sideslip'}. {cause} {coefficient} += f({angle}), "
+        "where f is a smooth curve (natural cubic spline, four shapes) over the range flown. f is "
+        f"zero with zero slope in trim, so that {slope} stays the slope there. {shown}"
     )
 
 
@@ -44,12 +44,12 @@ DRAG_NONLINEARITY = LoadCurve(
     load="the drag",
     short_name="curved drag",
     explanation=(
-        "The drag is not linear in the angle of attack. The straight line CD = CD_0 + CD_alpha "
-        "alpha neglects that a drag polar is at least a parabola of the lift. CD += f(alpha), "
-        "where f is a smooth curve (natural cubic spline, four shapes) over the range flown. f is "
-        "zero with zero slope in the middle of the range, so that CD_0 and CD_alpha are the "
-        "tangent there. The axial load factor shows the curve at once, the airspeed over seconds, "
-        "and the rates hardly."
+        "Nonlinear drag: it is not linear in the angle of attack. The straight line CD = CD_0 + "
+        "CD_alpha alpha neglects that a drag polar is at least a parabola of the lift. CD += "
+        "f(alpha), where f is a smooth curve (natural cubic spline, four shapes) over the range "
+        "flown. f is zero with zero slope in the middle of the range, so that CD_0 and CD_alpha "
+        "are the tangent there. The axial load factor shows the curve at once, the airspeed over "
+        "seconds, and the rates hardly."
     ),
     unit="1",
     size=0.01,
@@ -225,14 +225,14 @@ class FlowSeparation:
     )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"alpha_star": UNREACHED_ALPHA})
     explanation: ClassVar[str] = (
-        "Near stall the flow separates from the rear of the wing. The point X on the chord up to "
-        "which it is attached follows the angle of attack late: tau1 X_dot + X = X0(alpha - tau2 "
-        "alpha_dot) with X0 = (1 - tanh(a1 (alpha - alpha_star)))/2. The wing keeps ((1 + sqrt "
-        "X)/2)^2 of its lift, and the moment changes by moment (1 - X). Where drag is modelled, it "
-        "increases by drag (1 - X). The lift overshoots while the angle of attack increases and "
-        "recovers late while it decreases. This hysteresis loop over the angle of attack "
-        "distinguishes separation from a nonlinear curve. A flight that stays well below "
-        "alpha_star does not show the effect. A slow approach to the stall shows the curve, "
+        "The flow separates near stall. It leaves the rear of the wing first. The point X on the "
+        "chord up to which it is attached follows the angle of attack late: tau1 X_dot + X = "
+        "X0(alpha - tau2 alpha_dot) with X0 = (1 - tanh(a1 (alpha - alpha_star)))/2. The wing "
+        "keeps ((1 + sqrt X)/2)^2 of its lift, and the moment changes by moment (1 - X). Where "
+        "drag is modelled, it increases by drag (1 - X). The lift overshoots while the angle of "
+        "attack increases and recovers late while it decreases. This hysteresis loop over the "
+        "angle of attack distinguishes separation from a nonlinear curve. A flight that stays well "
+        "below alpha_star does not show the effect. A slow approach to the stall shows the curve, "
         "alpha_star and a1; only a quick approach and a quick recovery show the time constants."
     )
 

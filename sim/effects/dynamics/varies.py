@@ -150,7 +150,7 @@ class Varies(ProbedAtAbsence):
     def explanation(self) -> str:
         signal = self.called or self.over
         return (
-            f"The parameter {self.parameter} is not constant but a smooth curve of {signal}: "
+            f"{self.parameter} varies with {signal}: the parameter is a smooth curve, "
             f"{self.parameter} = declared value + f({signal}). f is a natural cubic spline over "
             "the range flown. It is zero at zero, or in the middle of a range that does not "
             "contain zero. This is the general form of all nonlinearities, for any derivative over "
@@ -373,11 +373,11 @@ class MissingTerm(WithoutStates, ProbedAtAbsence):
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
     explanation: ClassVar[str] = (
-        "An aerodynamic coefficient lacks a term: coefficient += size * term, for example Cm += "
-        "size alpha*elevator for an elevator that loses its effect at high angles of attack. Such "
-        "a term changes all outputs together, as any load does, and the motion obeys the "
-        "kinematics. It grows with the product of the signals in the term. The command flightid "
-        "structure finds several terms at once."
+        "A coefficient lacks a term: coefficient += size * term, for example Cm += size "
+        "alpha*elevator for an elevator that loses its effect at high angles of attack. Such a "
+        "term changes all outputs together, as any load does, and the motion obeys the kinematics. "
+        "It grows with the product of the signals in the term. The command flightid structure "
+        "finds several terms at once."
     )
 
     @property

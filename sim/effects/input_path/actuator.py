@@ -80,13 +80,13 @@ class ActuatorLag(OfInput):
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"time_constant": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
-        "The surface y follows the command u with a first-order lag: time_constant dy/dt = u - y. "
-        "The response to a step is an exponential that has covered two thirds of the way after one "
-        "time constant. The response to a slow input is only late by the time constant, that to a "
-        "fast input is late and too small. Causes are a servo valve or a command filter. A slow "
-        "record cannot distinguish a lag from a delay of the same length. Steps that are sampled "
-        "fast can, since a delay does not change their shape. Large and small steps take the same "
-        "time, unlike with a rate limit."
+        "First-order lag of an actuator: the surface y follows the command u with time_constant "
+        "dy/dt = u - y. The response to a step is an exponential that has covered two thirds of "
+        "the way after one time constant. The response to a slow input is only late by the time "
+        "constant, that to a fast input is late and too small. Causes are a servo valve or a "
+        "command filter. A slow record cannot distinguish a lag from a delay of the same length. "
+        "Steps that are sampled fast can, since a delay does not change their shape. Large and "
+        "small steps take the same time, unlike with a rate limit."
     )
 
     @property
@@ -184,13 +184,13 @@ class ActuatorSecondOrder(OfInput):
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"frequency": UNLIMITED})
     regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     explanation: ClassVar[str] = (
-        "The surface d follows the command u as an oscillator: d_ddot = frequency^2 (u - d) - 2 "
-        "damping frequency d_dot. The cause is the inertia of the surface with the stiffness of "
-        "its servo. The response to a step has a rounded beginning; with low damping it overshoots "
-        "and oscillates. Slow inputs arrive late by 2 damping/frequency, as with a lag or a delay "
-        "of this length. Inputs near the actuator's frequency arrive too large with low damping "
-        "and too small with high damping. Steps that are sampled fast distinguish the actuator "
-        "from a lag or a delay; a slow record does not."
+        "Second-order actuator: the surface d follows the command u with d_ddot = frequency^2 (u - "
+        "d) - 2 damping frequency d_dot. The cause is the inertia of the surface with the "
+        "stiffness of its servo. The response to a step has a rounded beginning; with low damping "
+        "it overshoots and oscillates. Slow inputs arrive late by 2 damping/frequency, as with a "
+        "lag or a delay of this length. Inputs near the actuator's frequency arrive too large with "
+        "low damping and too small with high damping. Steps that are sampled fast distinguish the "
+        "actuator from a lag or a delay; a slow record does not."
     )
 
     @property
@@ -342,12 +342,12 @@ class ActuatorRateLimit(SizedOnInput):
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"rate": UNLIMITED_RATE})
     regularity: ClassVar[Regularity] = Regularity.INACTIVE
     explanation: ClassVar[str] = (
-        "The speed of the surface y is limited: |dy/dt| <= rate, towards the command u until y = "
-        "u. The response to a commanded step is a ramp whose length is proportional to the step. "
-        "Large inputs therefore arrive later than small ones. A lag or a delay acts alike on "
-        "inputs of all sizes, so steps of one size cannot distinguish the three. With large fast "
-        "inputs the surface never reaches the command, and the amplitude is reduced as well. If "
-        "the command never moves faster than the limit, the record does not show it."
+        "Rate limit of an actuator: the surface y moves with |dy/dt| <= rate, towards the command "
+        "u until y = u. The response to a commanded step is a ramp whose length is proportional to "
+        "the step. Large inputs therefore arrive later than small ones. A lag or a delay acts "
+        "alike on inputs of all sizes, so steps of one size cannot distinguish the three. With "
+        "large fast inputs the surface never reaches the command, and the amplitude is reduced as "
+        "well. If the command never moves faster than the limit, the record does not show it."
     )
 
     @property
@@ -477,12 +477,12 @@ class ActuatorSaturation(SizedOnInput):
     regularity: ClassVar[Regularity] = Regularity.INACTIVE
     online_states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (
-        "The travel of the surface is limited: u_vehicle = max(-limit, min(u, limit)). Below the "
-        "limit the response is unchanged. Above it a larger command gives no larger response. A "
-        "record that stays below the limit does not show the effect. Inputs of a single size only "
-        "show a smaller control effectiveness, so inputs of several sizes, on both sides of the "
-        "limit, are needed. The limit counts from the zero of the recorded input, which is trim if "
-        "the input is a perturbation."
+        "Travel limit of an actuator: u_vehicle = max(-limit, min(u, limit)). Below the limit the "
+        "response is unchanged. Above it a larger command gives no larger response. A record that "
+        "stays below the limit does not show the effect. Inputs of a single size only show a "
+        "smaller control effectiveness, so inputs of several sizes, on both sides of the limit, "
+        "are needed. The limit counts from the zero of the recorded input, which is trim if the "
+        "input is a perturbation."
     )
 
     @property

@@ -94,11 +94,11 @@ class InputDelay(_Shift):
 
     family: ClassVar[str] = "input-delay"
     explanation: ClassVar[str] = (
-        "The control surface follows the recorded command after a dead time: u_vehicle(t) = "
-        "u_record(t - delay), delay >= 0. Causes are computing frames, data buses and time skew "
-        "between recorders. Every response is late by the same time, whatever its shape, so the "
-        "effect is largest where the input moves fast. A slow record cannot distinguish a delay "
-        "from an actuator lag with a time constant equal to the delay."
+        "Dead time of the input: the control surface follows the recorded command late, "
+        "u_vehicle(t) = u_record(t - delay), delay >= 0. Causes are computing frames, data buses "
+        "and time skew between recorders. Every response is late by the same time, whatever its "
+        "shape, so the effect is largest where the input moves fast. A slow record cannot "
+        "distinguish a delay from an actuator lag with a time constant equal to the delay."
     )
 
     @property
@@ -150,14 +150,14 @@ class RecordedInputDelay(_Shift):
     anticipates: ClassVar[bool] = True
     aliases: ClassVar[tuple[str, ...]] = ()
     explanation: ClassVar[str] = (
-        "The input is recorded later than the other channels: u_record(t) = u_vehicle(t - delay), "
-        "so that the vehicle gets u_record(t + delay), delay >= 0. Causes are a filter before the "
-        "recorder, a slow data bus or a separate clock. The aircraft seems to respond before the "
-        "command. Lags, actuators and input delays cannot imitate this, since they all make the "
-        "response later. Late sensors compensate the effect; if all outputs are late by the same "
-        "time, it is not observable. If the input moves between samples but is read as held, it "
-        "looks late by half the sampling interval. The input after the end of the record is "
-        "unknown and held at its last value, so the input should be at rest there."
+        "The input is recorded late: u_record(t) = u_vehicle(t - delay), so that the vehicle gets "
+        "u_record(t + delay), delay >= 0. Causes are a filter before the recorder, a slow data bus "
+        "or a separate clock. The aircraft seems to respond before the command. Lags, actuators "
+        "and input delays cannot imitate this, since they all make the response later. Late "
+        "sensors compensate the effect; if all outputs are late by the same time, it is not "
+        "observable. If the input moves between samples but is read as held, it looks late by half "
+        "the sampling interval. The input after the end of the record is unknown and held at its "
+        "last value, so the input should be at rest there."
     )
 
     @property

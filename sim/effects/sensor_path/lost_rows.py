@@ -44,7 +44,7 @@ class LostRows:
     station: ClassVar[Station] = Station.SENSOR_PATH
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     explanation: ClassVar[str] = (
-        "The recorder lost rows without a gap in the time column. Causes are a logger that counts "
+        "Rows of the record are lost. The time column has no gap. Causes are a logger that counts "
         "on from the last row it wrote, or times that were made afterwards from a sampling rate. "
         "At one row the whole motion jumps by its change during the lost time: each state after "
         "start = the state before it + its jump. A force cannot do this, because it changes rates, "

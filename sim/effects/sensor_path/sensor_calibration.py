@@ -67,14 +67,14 @@ class SensorScale(OfChannel, ProbedAtAbsence):
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"scale": 1.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     explanation: ClassVar[str] = (
-        "The calibration factor of the sensor is wrong: y_recorded = scale y + bias. Causes are a "
-        "vane in the upwash of the fuselage, which reads too much, or a gyro with a wrong range "
-        "setting. A scaled channel contradicts the others, because the kinematics alpha_dot = q - "
-        "(g/V)(nz - 1) relate the three without any aerodynamics. With alpha, q and nz recorded, a "
-        "single scale is observable. With two channels it only changes the derivatives: the lift "
-        "slope for alpha, all moment derivatives for q. The record then cannot show which channel "
-        "is wrong. A scaled altitude together with a changed density scale height and beta gives "
-        "the same fall except for gravity, so only a large scale of the altitude is observable."
+        "Wrong calibration factor: y_recorded = scale y + bias. Causes are a vane in the upwash of "
+        "the fuselage, which reads too much, or a gyro with a wrong range setting. A scaled "
+        "channel contradicts the others, because the kinematics alpha_dot = q - (g/V)(nz - 1) "
+        "relate the three without any aerodynamics. With alpha, q and nz recorded, a single scale "
+        "is observable. With two channels it only changes the derivatives: the lift slope for "
+        "alpha, all moment derivatives for q. The record then cannot show which channel is wrong. "
+        "A scaled altitude together with a changed density scale height and beta gives the same "
+        "fall except for gravity, so only a large scale of the altitude is observable."
     )
 
     @property
@@ -153,15 +153,14 @@ class SensorCurve(OfChannel, ProbedAtAbsence):
     path_order: ClassVar[int] = 5
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     explanation: ClassVar[str] = (
-        "The calibration of the sensor is not a straight line: y_recorded = y + curvature y^2 + "
-        "bias, where y counts from trim and the slope there is one. Causes are a vane near a "
-        "fuselage whose upwash changes with the angle, a potentiometer that is loaded at one end, "
-        "or a pressure filter. Pull-ups and push-overs of one size then give readings of different "
-        "sizes. A sensor with equal errors on both sides has cubic y^3 instead of the square; the "
-        "refined form has both. The kinematics alpha_dot = q - (g/V) nz show which channel has the "
-        "curved reading. In contrast, a lift or moment that is nonlinear in the angle of attack "
-        "changes the motion itself, which obeys the kinematics. With one channel alone the two "
-        "look much the same."
+        "Nonlinear calibration: y_recorded = y + curvature y^2 + bias, where y counts from trim "
+        "and the slope there is one. Causes are a vane near a fuselage whose upwash changes with "
+        "the angle, a potentiometer that is loaded at one end, or a pressure filter. Pull-ups and "
+        "push-overs of one size then give readings of different sizes. A sensor with equal errors "
+        "on both sides has cubic y^3 instead of the square; the refined form has both. The "
+        "kinematics alpha_dot = q - (g/V) nz show which channel has the curved reading. In "
+        "contrast, a lift or moment that is nonlinear in the angle of attack changes the motion "
+        "itself, which obeys the kinematics. With one channel alone the two look much the same."
     )
 
     @property
@@ -288,15 +287,14 @@ class SensorDrift(OfChannel):
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
     explanation: ClassVar[str] = (
-        "The zero of the sensor drifts during the record: y_recorded = y + bias + slope (t - "
-        "begin). Electronics and gyros that warm up do this and then settle. The refined form is "
-        "therefore slope (1 - exp(-settling (t - begin))) / settling. The deviation grows steadily "
-        "whatever the maneuver, in one channel only and against the kinematics. In contrast, a "
-        "slow change of trim or airspeed changes all channels together. Each record has its own "
-        "slope, so another record cannot confirm it, and in measured data slow disturbances are "
-        "easily mistaken for a drift. On a falling body a drift of the altitude also represents "
-        "anything that adds a constant to the measured velocity, such as a horizontal motion seen "
-        "by the radar."
+        "The zero of the sensor drifts: y_recorded = y + bias + slope (t - begin). Electronics and "
+        "gyros that warm up do this and then settle. The refined form is therefore slope (1 - "
+        "exp(-settling (t - begin))) / settling. The deviation grows steadily whatever the "
+        "maneuver, in one channel only and against the kinematics. In contrast, a slow change of "
+        "trim or airspeed changes all channels together. Each record has its own slope, so another "
+        "record cannot confirm it, and in measured data slow disturbances are easily mistaken for "
+        "a drift. On a falling body a drift of the altitude also represents anything that adds a "
+        "constant to the measured velocity, such as a horizontal motion seen by the radar."
     )
 
     @property
@@ -393,12 +391,12 @@ class SensorStep(OfChannel):
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ()
     explanation: ClassVar[str] = (
-        "The zero of the sensor jumps once and stays there: y_recorded = y + bias + size from the "
-        "time at on. Causes are a vane that is knocked, a connector that slips, an amplifier that "
-        "changes its range, or an encoder that resynchronises. Before and after the step the "
-        "motion is that of the model, and no other channel changes. A force on the aircraft cannot "
-        "do this: an unmeasured load would move all channels, over the time of a short period. "
-        "Each record has its own step."
+        "The zero of the sensor jumps: y_recorded = y + bias + size from the time at on. Causes "
+        "are a vane that is knocked, a connector that slips, an amplifier that changes its range, "
+        "or an encoder that resynchronises. Before and after the step the motion is that of the "
+        "model, and no other channel changes. A force on the aircraft cannot do this: an "
+        "unmeasured load would move all channels, over the time of a short period. Each record has "
+        "its own step."
     )
 
     @property

@@ -26,30 +26,30 @@ _WITH_VANE = ("nz", "ny")
 # Position relative to the centre of gravity, as the begin of a sentence.
 _PLACES = {"nz": "{arm_side}", "ny": "{arm_side}", "nx": "{arm} below"}
 ACCELEROMETER_IN_PITCH = (
-    "An accelerometer ahead of the centre of gravity senses the pitch acceleration: nz_m = nz + "
-    "(arm/g0) q_dot, with arm in m, positive ahead and negative behind. The pitch acceleration "
-    "follows the elevator at once, so the reading jumps when the elevator does. In the kinematics "
-    "alpha_dot = q - (g/V) nz, an accelerometer at arm is the same as a vane at -arm. The short "
-    "period keeps its form if alpha is replaced by alpha - (arm/V) q: with other values of CL_de, "
-    "CL_q, CL_alpha and Cm_q every sample is the same. While lift and moment are linear, no "
-    "maneuver distinguishes the two. Only the mounting position does, or a CL_de that no tail "
-    "could have. The library has no vane behind the centre of gravity. If the declared derivatives "
-    "indicate such a vane, an accelerometer ahead is not claimed."
+    "Displaced accelerometer: ahead of the centre of gravity it senses the pitch acceleration, "
+    "nz_m = nz + (arm/g0) q_dot, with arm in m, positive ahead and negative behind. The pitch "
+    "acceleration follows the elevator at once, so the reading jumps when the elevator does. In "
+    "the kinematics alpha_dot = q - (g/V) nz, an accelerometer at arm is the same as a vane at "
+    "-arm. The short period keeps its form if alpha is replaced by alpha - (arm/V) q: with other "
+    "values of CL_de, CL_q, CL_alpha and Cm_q every sample is the same. While lift and moment are "
+    "linear, no maneuver distinguishes the two. Only the mounting position does, or a CL_de that "
+    "no tail could have. The library has no vane behind the centre of gravity. If the declared "
+    "derivatives indicate such a vane, an accelerometer ahead is not claimed."
 )
 ACCELEROMETER_IN_YAW = (
-    "A lateral accelerometer ahead of the centre of gravity senses the yaw acceleration: ny_m = ny "
-    "+ (arm/g0) r_dot, with arm in m, positive ahead and negative behind. The yaw acceleration "
-    "follows the rudder at once, so the reading jumps when the rudder does. In the kinematics of "
-    "sideslip, an accelerometer at arm is the same as a vane at -arm. With other values of the "
-    "estimated side-force derivatives every sample is the same. Only the declared derivatives, or "
-    "those held at zero, distinguish the two."
+    "Displaced lateral accelerometer: ahead of the centre of gravity it senses the yaw "
+    "acceleration, ny_m = ny + (arm/g0) r_dot, with arm in m, positive ahead and negative behind. "
+    "The yaw acceleration follows the rudder at once, so the reading jumps when the rudder does. "
+    "In the kinematics of sideslip, an accelerometer at arm is the same as a vane at -arm. With "
+    "other values of the estimated side-force derivatives every sample is the same. Only the "
+    "declared derivatives, or those held at zero, distinguish the two."
 )
 ACCELEROMETER_BELOW = (
-    "An axial accelerometer below the centre of gravity senses the pitch acceleration: nx_m = nx + "
-    "(arm/g0) q_dot, with arm in m below the centre of gravity. The pitch acceleration follows the "
-    "elevator at once, and the reading jumps with it, while the axial force hardly changes. The "
-    "residual of nx therefore has the shape of the pitch acceleration, and no other channel has "
-    "this residual."
+    "Displaced axial accelerometer: below the centre of gravity it senses the pitch acceleration, "
+    "nx_m = nx + (arm/g0) q_dot, with arm in m below the centre of gravity. The pitch acceleration "
+    "follows the elevator at once, and the reading jumps with it, while the axial force hardly "
+    "changes. The residual of nx therefore has the shape of the pitch acceleration, and no other "
+    "channel has this residual."
 )
 _EXPLANATIONS = {
     "nz": ACCELEROMETER_IN_PITCH,
@@ -121,20 +121,20 @@ ANOTHER_SPEED = (
     "over the airspeed, a lag or a delay stays"
 )
 VANE_IN_PITCH = (
-    "A vane ahead of the centre of gravity senses the pitch rate: alpha_m = alpha - (arm/V) q, "
-    "with arm >= 0 in m ahead of the centre of gravity. The vane moves up with the nose while the "
-    "aircraft pitches up, so the air meets it from further above. In the short period q leads "
-    "alpha, so the reading is late. A lag or a delay of the vane by arm/V therefore looks much the "
-    "same. Only fast reversals, where q and alpha_dot differ by the lift, distinguish them. An "
-    "accelerometer as far behind gives the same record with other derivatives, see "
+    "Displaced vane: ahead of the centre of gravity it senses the pitch rate, alpha_m = alpha - "
+    "(arm/V) q, with arm >= 0 in m ahead of the centre of gravity. The vane moves up with the nose "
+    "while the aircraft pitches up, so the air meets it from further above. In the short period q "
+    "leads alpha, so the reading is late. A lag or a delay of the vane by arm/V therefore looks "
+    "much the same. Only fast reversals, where q and alpha_dot differ by the lift, distinguish "
+    "them. An accelerometer as far behind gives the same record with other derivatives, see "
     "accelerometer-offset:nz. A vane behind the centre of gravity would make the reading early. "
     "Such vanes are not built, so a negative arm is not allowed."
 )
 VANE_IN_YAW = (
-    "A vane of sideslip ahead of the centre of gravity senses the yaw rate: beta_m = beta + "
-    "(arm/V) r, with arm >= 0 in m ahead of the centre of gravity. A nose that yaws to the right "
-    "moves the vane to the right. In the Dutch roll this makes the reading late. A lag or a delay "
-    "of the vane by arm/V therefore looks much the same, and only fast rudder reversals "
+    "Displaced vane of sideslip: ahead of the centre of gravity it senses the yaw rate, beta_m = "
+    "beta + (arm/V) r, with arm >= 0 in m ahead of the centre of gravity. A nose that yaws to the "
+    "right moves the vane to the right. In the Dutch roll this makes the reading late. A lag or a "
+    "delay of the vane by arm/V therefore looks much the same, and only fast rudder reversals "
     "distinguish them. A lateral accelerometer as far behind gives the same record with other "
     "derivatives, see accelerometer-offset:ny. Vanes behind the centre of gravity are not built, "
     "so a negative arm is not allowed."
@@ -239,11 +239,11 @@ class SensorCoupling(ProbedAtAbsence):
         plausible={"gain": (-0.2, 0.2)},
     )
     explanation: ClassVar[str] = (
-        "The pitch gyro also responds to acceleration, because its gimbal or beam is not balanced: "
-        "q_m = q + gain nz, with gain in rad/s per g. In the kinematics alpha_dot = q - (g/V) nz "
-        "this is the same as a load factor that is read with the factor 1/(1 + gain V/g). Only the "
-        "jumps of nz with the control surface (CL_de) distinguish the two, because a pitch rate "
-        "cannot jump. If CL_de is small, the record cannot distinguish them, and their derivatives "
+        "A gyro senses the load factor: because its gimbal or beam is not balanced, it reads q_m = "
+        "q + gain nz, with gain in rad/s per g. In the kinematics alpha_dot = q - (g/V) nz this is "
+        "the same as a load factor that is read with the factor 1/(1 + gain V/g). Only the jumps "
+        "of nz with the control surface (CL_de) distinguish the two, because a pitch rate cannot "
+        "jump. If CL_de is small, the record cannot distinguish them, and their derivatives "
         "differ."
     )
 
@@ -275,9 +275,9 @@ class TurnedGyro(OfChannel, ProbedAtAbsence):
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
     explanation: ClassVar[str] = (
-        "A gyro whose axis is turned towards another axis also reads a share of the other rate: "
-        "r_m = r + share p, where share is the sine of the angle. Roll rates are large where yaw "
-        "rates are small, so an angle of 3 degrees is easily observable. The derivatives cannot "
+        "A gyro is turned towards an axis: it also reads a share of the rate about that axis, r_m "
+        "= r + share p, where share is the sine of the angle. Roll rates are large where yaw rates "
+        "are small, so an angle of 3 degrees is easily observable. The derivatives cannot "
         "compensate the effect, because the kinematics of sideslip and the lateral load factor "
         "depend on the true yaw rate. If the whole platform is turned, both gyros have such "
         "shares, of opposite sign."

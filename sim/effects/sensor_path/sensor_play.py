@@ -44,12 +44,12 @@ class SensorBacklash(HalfWidth, OfChannel):
     family: ClassVar[str] = "sensor-backlash"
     path_order: ClassVar[int] = 8
     explanation: ClassVar[str] = (
-        "There is play in the bearing or the linkage of a vane. The pick-off rests until the vane "
-        "has crossed the play, and then follows: y_recorded = y - half_width while the angle y "
-        "rises and y + half_width while it falls. After each reversal the angle changes by twice "
-        "the half width before the reading changes, so the reading is too small and late. A delay "
-        "is the same for all sizes of motion, whereas play has a larger effect on small motion. "
-        "The kinematics, with a rate and a load factor, show that only this channel is wrong."
+        "Play of a vane, in its bearing or its linkage. The pick-off rests until the vane has "
+        "crossed the play, and then follows: y_recorded = y - half_width while the angle y rises "
+        "and y + half_width while it falls. After each reversal the angle changes by twice the "
+        "half width before the reading changes, so the reading is too small and late. A delay is "
+        "the same for all sizes of motion, whereas play has a larger effect on small motion. The "
+        "kinematics, with a rate and a load factor, show that only this channel is wrong."
     )
 
     @property
@@ -104,11 +104,11 @@ class SensorDeadband(HalfWidth, OfChannel):
     family: ClassVar[str] = "sensor-deadband"
     path_order: ClassVar[int] = 6
     explanation: ClassVar[str] = (
-        "A gyro does not respond below a threshold, because of friction in its gimbal or a dead "
-        "zone of its electronics: y_recorded = sign(y) max(|y| - half_width, 0). Slow motion is "
-        "not recorded at all, and fast motion is recorded too small by the half width. The "
-        "kinematics between the rate and the other sensors show that only this channel is wrong. A "
-        "nonlinear load, in contrast, changes the motion, and all channels then agree."
+        "Threshold of a gyro: because of friction in its gimbal or a dead zone of its electronics, "
+        "y_recorded = sign(y) max(|y| - half_width, 0). Slow motion is not recorded at all, and "
+        "fast motion is recorded too small by the half width. The kinematics between the rate and "
+        "the other sensors show that only this channel is wrong. A nonlinear load, in contrast, "
+        "changes the motion, and all channels then agree."
     )
 
     @property

@@ -16,13 +16,13 @@ from sim.effects.instances import further_inputs, further_outputs, large_input, 
 from sim.maths import maximum, minimum, real, trailing
 
 EXPLANATION = (
-    "Isolated samples of a channel are wrong: y_recorded = y + size at a few times, and y "
-    "elsewhere. Causes are lost bits, telemetry dropouts and connectors that lose contact. "
-    "Neighbouring samples do not respond to such a sample, which no motion of the vehicle could "
-    "do. If the recorded input has spikes, the vehicle does not react to them. In a least-squares "
-    "fit a single spike outweighs hundreds of good samples. Spikes are therefore found by a rule "
-    "and masked before anything is fitted. Noise with heavy tails also has large samples, but of "
-    "all sizes in between; these are not spikes, nor are outliers in runs."
+    "Isolated samples are wrong: y_recorded = y + size at a few times, and y elsewhere. Causes are "
+    "lost bits, telemetry dropouts and connectors that lose contact. Neighbouring samples do not "
+    "respond to such a sample, which no motion of the vehicle could do. If the recorded input has "
+    "spikes, the vehicle does not react to them. In a least-squares fit a single spike outweighs "
+    "hundreds of good samples. Spikes are therefore found by a rule and masked before anything is "
+    "fitted. Noise with heavy tails also has large samples, but of all sizes in between; these are "
+    "not spikes, nor are outliers in runs."
 )
 
 

@@ -194,7 +194,7 @@ class SensorLag(_Late):
     time_name: ClassVar[str] = "time_constant"
     path_order: ClassVar[int] = 10
     explanation: ClassVar[str] = (
-        "The sensor or its filter follows the true value v with a first-order lag: time_constant "
+        "First-order lag of a sensor: the reading y follows the true value v with time_constant "
         "dy/dt = v - y. A steady value is read correctly. A ramp is read late by one time "
         "constant. An oscillation is read late and with too small an amplitude, the more so the "
         "faster it is. Records that mainly contain frequencies well below 1/time_constant cannot "
@@ -299,13 +299,13 @@ class SensorHold(OfChannel):
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"period": 0.0})
     regularity: ClassVar[Regularity] = Regularity.INACTIVE
     explanation: ClassVar[str] = (
-        "The sensor delivers a new value once in a period, and a faster recorder repeats the last "
-        "value: y_recorded(t) = y(t_k), where t_k = phase + k period is the time of the last "
-        "update. The cause is a slow data bus or telemetry frame. If no noise is added after the "
-        "hold, the raw column shows repeated values. On average the channel is late by half a "
-        "period. The steps between updates change the channel less than this mean delay. Where "
-        "motion is slow, a delay or a lag of half the period is therefore nearly the same. Each "
-        "record has its own phase."
+        "Lower sample rate of a sensor: it delivers a new value once in a period, and a faster "
+        "recorder repeats the last value, y_recorded(t) = y(t_k), where t_k = phase + k period is "
+        "the time of the last update. The cause is a slow data bus or telemetry frame. If no noise "
+        "is added after the hold, the raw column shows repeated values. On average the channel is "
+        "late by half a period. The steps between updates change the channel less than this mean "
+        "delay. Where motion is slow, a delay or a lag of half the period is therefore nearly the "
+        "same. Each record has its own phase."
     )
 
     @property
