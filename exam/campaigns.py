@@ -1,4 +1,4 @@
-"""Campaigns of the tracing loop: what each flies, prints and writes.
+"""Campaigns of the tracing loop: flights, printed tables and written files of each.
 
 Every campaign is a `Campaign`; `fly_and_tell` flies it, prints its tables and writes its folder.
 """
@@ -41,8 +41,9 @@ from scenarios.report.terminal import (
 )
 from scenarios.tasks.study import Execution, ShowProgress, stopped
 
-ROOT = 1  # of the seeds, where none is asked for and no scenario has one
-GAIN = 25.0  # expected gain of the log likelihood of a weak effect: nearly all are found from here
+ROOT = 1  # default root seed, unless the scenario has one
+# Expected gain of the log likelihood of a weak effect; nearly all such effects are detected.
+GAIN = 25.0
 CLEAN = (
     Column("model"),
     Column("runs", PURE),
@@ -79,10 +80,13 @@ class Campaign:
 
     Attributes
     ----------
-    name, where : its name, and what messages call it. root : of the seeds, where none is asked for.
-    work : what is done in a flight. times : flights in a run.
-    text : what has been flown, in so many columns; last, where more is to be read.
-    write : puts it into a folder, with figures.
+    name, where : name of the campaign, and its name in messages.
+    root : default root seed.
+    work : makes the tasks of the flights.
+    times : flights in a run.
+    text : returns the text for a number of columns; its last argument names the place of further
+        details.
+    write : writes the results into a folder, with figures.
     """
 
     name: str
@@ -100,7 +104,9 @@ class Campaign:
         execution: Execution,
         tell: ShowProgress = lambda stage, share: None,
     ) -> FlownCampaign:
-        """All flights of so many runs, after Ctrl-C those that had ended; raises as ``fly_all``."""
+        """Fly all flights of ``runs`` runs; after Ctrl-C, return those that had ended. Raises as
+        ``fly_all``.
+        """
         root = self.root if seed is None else seed
         with named_after(self.where):
             return fly_all(self.work, runs * self.times, root, execution, tell)
@@ -115,8 +121,7 @@ def fly_and_tell(
     *,
     progress: bool = True,
 ) -> None:
-    """Fly and diagnose, print the tables, and write what ``campaign.write`` does into
-    ``execution.out``.
+    """Fly and diagnose, print the tables, and write the results into ``execution.out``.
 
     Raises
     ------
@@ -134,7 +139,7 @@ def fly_and_tell(
 
 
 def hidden_effect_campaign(name: str, changes: Sequence[str] = ()) -> Campaign:
-    """Many flights of one hidden-effect scenario, by its name or the path of its file.
+    """Return the campaign of one hidden-effect scenario, by its name or the path of its file.
 
     Raises
     ------
@@ -163,7 +168,7 @@ def hidden_effect_campaign(name: str, changes: Sequence[str] = ()) -> Campaign:
 
 
 def surrogate_campaign(name: str, changes: Sequence[str] = ()) -> Campaign:
-    """Many surrogate flights of one declaration; raises as ``load_surrogate``."""
+    """Return the campaign of surrogate flights of one declaration; raises as ``load_surrogate``."""
     from exam.surrogates.campaign import campaign_text, surrogate_flights, write_campaign
     from exam.surrogates.declaration import load_surrogate
     from exam.surrogates.report import campaign_page
@@ -184,8 +189,8 @@ def surrogate_campaign(name: str, changes: Sequence[str] = ()) -> Campaign:
 
 
 def every_effect_campaign(runs: int, effects: Sequence[str] | None = None) -> Campaign:
-    """Flights of each of the ``effects`` (None: all of the library); ``runs`` is what its page
-    says.
+    """Return the campaign of flights of each of the ``effects`` (None: all of the library); its
+    page names ``runs``.
 
     Raises
     ------
@@ -207,8 +212,9 @@ def every_effect_campaign(runs: int, effects: Sequence[str] | None = None) -> Ca
 
 @dataclass(frozen=True)
 class Tabled:
-    """What a campaign with a single table flies: ``fly`` gives of a flight's number and seed a
-    ``kind`` of dataclass; ``rows`` below the ``columns`` are of all flights."""
+    """A campaign with a single table: ``fly`` returns a dataclass of the ``kind`` for a flight's
+    number and seed, and ``rows`` returns the cells of the ``columns`` for all flights.
+    """
 
     fly: Callable[[int, int], Any]
     kind: Any
@@ -218,7 +224,7 @@ class Tabled:
 
 
 def tabled_campaign(name: str) -> Campaign:
-    """A campaign of ``TABLED`` by its name."""
+    """Return a campaign of ``TABLED`` by its name."""
     tabled = TABLED[name]
 
     def text(done: FlownCampaign, width: int, details: str) -> str:

@@ -55,10 +55,11 @@ SIGMAS = 2.0
 class TraceJudged:
     """One flight of a tracing scenario.
 
-    ``claimed`` : claims with their alternatives, ``"a/b"``. ``named`` : each hidden effect that the
-    library has, and whether a claim names it, ``alone`` those that are named without an
-    alternative. ``false`` : claims behind which nothing true stands. ``inside`` : of each
-    derivative whether its interval of two sigmas, with what was claimed, holds the truth.
+    ``claimed`` has the claims with their alternatives, ``"a/b"``. ``named`` has each hidden effect
+    of the library, and whether a claim names it; ``alone`` are those that are named without an
+    alternative. ``false`` are claims that do not correspond to any true cause. ``inside`` has, for
+    each derivative, whether its interval of two sigmas, with the claimed effects, contains the
+    truth.
     """
 
     seed: int
@@ -73,14 +74,14 @@ class TraceJudged:
 
 
 def judge_trace(scenario: TraceScenario, seed: int) -> TraceJudged:
-    """Fly and diagnose one flight, and hold it against what was hidden."""
+    """Fly and diagnose one flight, and compare the diagnosis with the hidden effects."""
     study = run_trace(scenario, seed)
     judged = judged_of(study)
     return replace(judged, marked=scored_flight_of(study, judged))
 
 
 def scored_flight_of(study: TraceStudy, judged: TraceJudged) -> ScoredFlight:
-    """The same flight for the statistics that all campaigns of the loop have in common."""
+    """Return the score of a flight for the statistics that all campaigns have in common."""
     d, claims = study.tracing.diagnosis, claims_of(study.tracing.diagnosis)
     right = frozenset(plain_name(name) for name in _true_names(study))
     truth = {name: values for name, values in study.simulated.hidden.items() if not is_curve(name)}
@@ -99,17 +100,15 @@ def scored_flight_of(study: TraceStudy, judged: TraceJudged) -> ScoredFlight:
 
 
 def _true_names(study: TraceStudy) -> frozenset[str]:
-    """Names behind which something true stands: of what is hidden, of what the scenario accepts,
-    and of the same faults.
+    """Return the names that count as true: hidden effects, names that the scenario accepts, and
+    names of the same faults.
     """
     accepted = {name for names in study.scenario.expect.effects for name in names}
     return frozenset().union(*(same_fault(name) for name in {*accepted, *study.simulated.hidden}))
 
 
 def judged_of(study: TraceStudy) -> TraceJudged:
-    """A tracing study held against its truth: what its scenario accepts as an answer is none that
-    is false.
-    """
+    """Compare a tracing study with its truth; names that the scenario accepts are not false."""
     claims = [claim for claim in study.tracing.diagnosis.effects if claim.claimed]
     accepted = {name for names in study.scenario.expect.effects for name in names}
     hidden = [name for name in study.simulated.hidden if name in accepted] or (
@@ -135,9 +134,9 @@ def judged_of(study: TraceStudy) -> TraceJudged:
 
 
 def trace_flights(name: str, changes: Sequence[str] = ()) -> LoopFlights:
-    """Flights of a tracing scenario by its name or the path of its file."""
-    # By its name: a user's own model is made of functions, which cannot be handed over to another
-    # process.
+    """Return the tasks of a tracing scenario by its name or the path of its file."""
+    # The scenario is given by its name, because a user model consists of functions, which cannot be
+    # sent to another process.
     document, short, _ = load_document(name, changes)
     return LoopFlights(
         short,
@@ -148,7 +147,7 @@ def trace_flights(name: str, changes: Sequence[str] = ()) -> LoopFlights:
 
 
 def files_of(document: Mapping[str, Any]) -> dict[str, str]:
-    """Users' model files that a scenario names, by the hashes of their bytes."""
+    """Return the users' model files that a scenario names, by the hashes of their bytes."""
     named = [
         value for table in document.values() if isinstance(table, dict) for value in table.values()
     ]
@@ -169,18 +168,18 @@ def _judge_named(name: str, changes: tuple[str, ...], number: int, seed: int) ->
 
 
 def named_scenario(name: str, changes: tuple[str, ...]) -> TraceScenario:
-    """A tracing scenario with changed entries, by its name or the path of its file."""
+    """Return a tracing scenario with changed entries, by its name or the path of its file."""
     return trace_scenario_of(*load_document(name, changes))
 
 
 def scores_of(judged: Sequence[TraceJudged]) -> Scores:
-    """The flights for the statistics that all campaigns of the loop have in common."""
+    """Return the flights for the statistics that all campaigns have in common."""
     marked = [flight.marked for flight in judged if flight.marked is not None]
     return Scores(marked, [hidden_label(each) for each in marked])
 
 
 def verdict_shares(judged: Sequence[TraceJudged]) -> dict[str, Share]:
-    """The share of each verdict."""
+    """Return the share of each verdict."""
     return {
         verdict.value: share_of_flights(flight.verdict == verdict.value for flight in judged)
         for verdict in Verdict
@@ -188,7 +187,7 @@ def verdict_shares(judged: Sequence[TraceJudged]) -> dict[str, Share]:
 
 
 def trace_shares(judged: Sequence[TraceJudged]) -> dict[str, Share]:
-    """The shares that a campaign is for, by their names in ``campaign.json``."""
+    """Return the main shares of the campaign, by their names in ``campaign.json``."""
     return {
         "expected": share_of_flights(flight.grade is Grade.RIGHT for flight in judged),
         "expected_or_alternative": share_of_flights(
@@ -226,7 +225,9 @@ _LABELS = {
 def trace_campaign_text(
     scenario: TraceScenario, judged: Sequence[TraceJudged], seeds: str, width: int = WIDTH
 ) -> str:
-    """Verdicts and shares with their intervals, false claims one by one; ``seeds`` in words."""
+    """Return verdicts and shares with their intervals, and each false claim; ``seeds`` is a
+    text.
+    """
     blocks = [
         [f"{scenario.name}: {len(judged)} flights, {seeds}", expected_line(scenario)],
         table_as_lines(rows_table("", VERDICTS, verdict_rows(judged))),
@@ -238,7 +239,7 @@ def trace_campaign_text(
 
 
 def expected_line(scenario: TraceScenario) -> str:
-    """Verdicts and effects that the scenario expects."""
+    """Return the verdicts and effects that the scenario expects."""
     expected = (
         " or ".join(" + ".join(names) for names in scenario.expect.effects) or "nothing to claim"
     )
@@ -246,12 +247,12 @@ def expected_line(scenario: TraceScenario) -> str:
 
 
 def verdict_rows(judged: Sequence[TraceJudged]) -> list[tuple[Cell, ...]]:
-    """Cells below ``VERDICTS``."""
+    """Return the cells of the columns ``VERDICTS``."""
     return [(name, *share_cells(share)) for name, share in verdict_shares(judged).items()]
 
 
 def share_rows(judged: Sequence[TraceJudged]) -> list[tuple[Cell, ...]]:
-    """Cells below ``SHARES``."""
+    """Return the cells of the columns ``SHARES``."""
     return [
         (_LABELS[key], *share_cells(share))
         for key, share in trace_shares(judged).items()
@@ -260,7 +261,7 @@ def share_rows(judged: Sequence[TraceJudged]) -> list[tuple[Cell, ...]]:
 
 
 def false_lines(judged: Sequence[TraceJudged]) -> list[str]:
-    """Every claim of what is not there."""
+    """Return a line for each false claim."""
     return [
         f"seed {flight.seed}: {' and '.join(flight.false)} claimed, and not there"
         for flight in judged
@@ -275,8 +276,8 @@ def write_trace_campaign(
     paged: Callable[[Sequence[Drawn]], Page],
     figures: Formats = USUAL,
 ) -> Path:
-    """Write ``flights.csv``, one row a flight, figures, the page that ``paged`` makes with them,
-    and ``campaign.json`` (last).
+    """Write ``flights.csv`` with a row for each flight, figures, the page that ``paged`` makes with
+    them, and ``campaign.json`` (last).
     """
     judged: Sequence[TraceJudged] = done.found
     scores = scores_of(judged)
@@ -331,8 +332,8 @@ def write_trace_campaign(
 def campaign_page(
     scenario: TraceScenario, done: FlownCampaign, drawn: Sequence[Drawn] = ()
 ) -> Page:
-    """The page of a campaign with the figures ``drawn``: verdicts and shares with their intervals,
-    names, probabilities, sigmas.
+    """Return the page of a campaign with the figures ``drawn``: verdicts and shares with their
+    intervals, names, probabilities, sigmas.
     """
     judged: Sequence[TraceJudged] = done.found
     shares, false = trace_shares(judged), false_lines(judged)

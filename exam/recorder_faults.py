@@ -17,7 +17,7 @@ from sim.record import Channel, Record
 
 
 def with_column(record: Record, name: str, values: np.ndarray) -> Record:
-    """The same record with other values ``(N,)`` in one column, input or output."""
+    """Return the record with other values ``(N,)`` in one column, input or output."""
 
     def changed(channels: tuple[Channel, ...]) -> tuple[Channel, ...]:
         return tuple(Channel.of(c.name, c.unit, values) if c.name == name else c for c in channels)
@@ -28,7 +28,7 @@ def with_column(record: Record, name: str, values: np.ndarray) -> Record:
 def held(
     name: str, record: Record, values: Mapping[str, float], rng: np.random.Generator
 ) -> Record:
-    """Every ``rows``-th sample is new, and stands until the next new one."""
+    """Only every ``rows``-th sample is new; it is repeated until the next new one."""
     rows = round(values["rows"])
     return with_column(record, name, record[name].values[np.arange(len(record)) // rows * rows])
 
@@ -36,8 +36,8 @@ def held(
 def dead(
     name: str, record: Record, values: Mapping[str, float], rng: np.random.Generator
 ) -> Record:
-    """For ``length`` seconds from ``begin``, s, the last value stands, or zero where ``zero`` is
-    1.
+    """For ``length`` seconds from ``begin``, s, the last value is repeated; if ``zero`` is 1, the
+    value is zero.
     """
     during = _during(record, values)
     before = record[name].values[max(0, int(np.argmax(during)) - 1)]
@@ -49,8 +49,8 @@ def dead(
 def skewed(
     name: str, record: Record, values: Mapping[str, float], rng: np.random.Generator
 ) -> Record:
-    """The column stands ``rows`` rows too low: each value in the row of a later time; the first is
-    repeated.
+    """The column is shifted down by ``rows`` rows: each value is in the row of a later time, and
+    the first is repeated.
     """
     rows = round(values["rows"])
     column = record[name].values
@@ -60,7 +60,7 @@ def skewed(
 def exchanged(
     first: str, second: str, record: Record, values: Mapping[str, float], rng: np.random.Generator
 ) -> Record:
-    """In ``count`` rows the values of two columns stand in each other's place."""
+    """In ``count`` rows the values of two columns are exchanged."""
     rows = rng.choice(len(record), round(values["count"]), replace=False)
     one, two = record[first].values.copy(), record[second].values.copy()
     one[rows], two[rows] = two[rows], one[rows]
@@ -70,7 +70,7 @@ def exchanged(
 def burst(
     name: str, record: Record, values: Mapping[str, float], rng: np.random.Generator
 ) -> Record:
-    """Noise of standard deviation ``sigma`` on top, in the channel's unit, for ``length`` seconds
+    """Noise of standard deviation ``sigma``, in the channel's unit, is added for ``length`` seconds
     from ``begin``, s.
     """
     more = values["sigma"] * rng.standard_normal(len(record))
@@ -87,18 +87,18 @@ def _during(record: Record, values: Mapping[str, float]) -> np.ndarray:
 
 
 def fast_clock(record: Record, values: Mapping[str, float], rng: np.random.Generator) -> Record:
-    """The clock counts ``factor`` seconds in a true one."""
+    """The clock counts ``factor`` seconds in one true second."""
     return replace(record, time=record.time * values["factor"])
 
 
 def rows_missing(record: Record, values: Mapping[str, float], rng: np.random.Generator) -> Record:
-    """No rows for ``length`` seconds from ``begin``, s; the time column tells."""
+    """Rows are missing for ``length`` seconds from ``begin``, s, with a gap in the time column."""
     return _kept(record, _outside(record, values))
 
 
 def rows_lost(record: Record, values: Mapping[str, float], rng: np.random.Generator) -> Record:
-    """The same with a time column that was written afterwards, even from end to end: what follows
-    comes too early.
+    """Rows are missing as in ``rows_missing``, without a gap in the time column: later rows have
+    times that are too early.
     """
     kept = _kept(record, _outside(record, values))
     return replace(kept, time=record.time[: len(kept)])
@@ -133,8 +133,8 @@ def coarse(
 def clipped(
     name: str, record: Record, values: Mapping[str, float], rng: np.random.Generator
 ) -> Record:
-    """The sensor ends ``share`` of its range short of its highest value and as much above its
-    lowest.
+    """The reading is limited at ``share`` of its range below its highest and above its lowest
+    value.
     """
     column = record[name].values
     low, high = float(np.min(column)), float(np.max(column))
@@ -145,5 +145,5 @@ def clipped(
 def scaled(
     name: str, record: Record, values: Mapping[str, float], rng: np.random.Generator
 ) -> Record:
-    """``factor`` times the value under the same header: a sign turned, or another unit."""
+    """The values are multiplied by ``factor`` under the same header: another sign or unit."""
     return with_column(record, name, values["factor"] * record[name].values)

@@ -21,7 +21,7 @@ RESAMPLING_SEED = 1  # the same flights give the same interval
 
 @dataclass(frozen=True)
 class Share:
-    """So many of so many, with an interval at 95 %."""
+    """A count out of a total, with its 95 % interval."""
 
     count: int
     of: int
@@ -30,21 +30,24 @@ class Share:
 
 @cache  # asks the whole library
 def same_fault(name: str) -> frozenset[str]:
-    """The names that count as naming an effect right: a lag and a delay of one sensor are one."""
+    """Return the names that count as naming an effect right: a lag and a delay of one sensor count
+    as one.
+    """
     return frozenset({name, *traits_of(name).twins})
 
 
 def share_of_flights(hits: Iterable[bool]) -> Share:
-    """The share of flights in which something is so; flights are independent (Clopper and
-    Pearson).
+    """Return the share of flights with a property (Clopper and Pearson); flights are
+    independent.
     """
     seen = [bool(hit) for hit in hits]
     return Share(sum(seen), len(seen), clopper_pearson(sum(seen), len(seen)))
 
 
 def share_within_flights(hits: Iterable[Iterable[bool]]) -> Share:
-    """The share over all that is counted in flights; the findings of one flight are correlated, so
-    that whole flights are resampled.
+    """Return the share over all items of all flights.
+
+    Items of one flight are correlated, so that whole flights are resampled for the interval.
     """
     flights = [[bool(hit) for hit in flight] for flight in hits]
     counts, of = (
@@ -65,7 +68,7 @@ EDGES = (0.05, 0.2, 0.5, 0.8, 0.95, 1.0)
 
 @dataclass(frozen=True)
 class Statement:
-    """A name that a claim gives, the probability that was said, and whether it is right."""
+    """A name of a claim, the probability that was given, and whether it is right."""
 
     name: str
     probability: float
@@ -74,8 +77,8 @@ class Statement:
 
 @dataclass(frozen=True)
 class Bin:
-    """Names said to be right with a probability from ``low`` to ``high``: how many, the mean of
-    what was said, how many are right.
+    """Names with a probability from ``low`` to ``high``: their number, the mean probability, and
+    the number of right ones.
     """
 
     low: float
@@ -86,12 +89,12 @@ class Bin:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Of the share that is right, at 95 %; names of one claim count as if each stood alone."""
+        """95 % interval of the share of right names; names of one claim count as independent."""
         return clopper_pearson(self.right, self.count)
 
 
 def reliability(statements: Sequence[Statement]) -> tuple[Bin, ...]:
-    """How often names are right, by the probability that was said; those less likely than
+    """Return how often names are right, by the probability that was given; those less likely than
     ``EDGES[0]`` are left out.
     """
     return binned(
@@ -100,9 +103,7 @@ def reliability(statements: Sequence[Statement]) -> tuple[Bin, ...]:
 
 
 def binned(pairs: Sequence[tuple[float, bool]]) -> tuple[Bin, ...]:
-    """Probabilities that were said, and whether what they were said of is right, counted between
-    ``EDGES``.
-    """
+    """Count pairs of a probability and whether the name is right in bins between ``EDGES``."""
     bins = []
     for low, high in pairwise(EDGES):
         inside = [(p, right) for p, right in pairs if low < p <= high]

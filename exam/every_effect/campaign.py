@@ -62,14 +62,14 @@ COLUMNS = (
 
 
 def scores_of(flights: Sequence[HiddenEffectFlight]) -> Scores:
-    """The flights with what each was flown for."""
+    """Return the flights with the effects for which they were flown."""
     return Scores(
         [each.marked for each in flights], [each.effect for each in flights], by_kind=True
     )
 
 
 def every_effect_text(done: FlownCampaign, width: int = WIDTH) -> str:
-    """The tables of the terminal."""
+    """Return the tables for the terminal."""
     blocks = [
         [f"{NAME}: {done.ended} flights, {done.words}"],
         *scores_blocks(scores_of(done.found), width),
@@ -78,7 +78,7 @@ def every_effect_text(done: FlownCampaign, width: int = WIDTH) -> str:
 
 
 def cells_of(flight: HiddenEffectFlight) -> dict[str, Any]:
-    """A flight as one row of ``COLUMNS``; None where there is no such thing."""
+    """Return one row of ``COLUMNS`` for a flight; None for a cell without a value."""
     cells = {
         **{
             "number": flight.number,
@@ -104,10 +104,10 @@ def write_every_effect(
     out: str | Path,
     figures: Formats = USUAL,
 ) -> Path:
-    """Write ``flights.csv``, one row a flight, figures, the page, and ``campaign.json`` (last) into
-    a folder; returns it.
+    """Write ``flights.csv`` with a row for each flight, figures, the page, and ``campaign.json``
+    (last) into a folder; return the folder.
 
-    ``runs`` : flights of each of the ``effects``, None for all of the library.
+    ``runs`` : number of flights of each of the ``effects``, None for all of the library.
     """
     scores = scores_of(done.found)
     with study_folder(out, "campaign.json") as scratch:
@@ -156,7 +156,9 @@ def every_effect_page(
     effects: Sequence[str] | None,
     drawn: Sequence[Drawn] = (),
 ) -> Page:
-    """The page of all flights, ``runs`` of each of the ``effects``, with the figures ``drawn``."""
+    """Return the page of all flights, ``runs`` of each of the ``effects``, with the figures
+    ``drawn``.
+    """
     right = right_share([each for each in scores.flights if each.hidden])
     clean = false_share([each for each in scores.flights if not each.hidden])
     told = (
@@ -201,9 +203,7 @@ def every_effect_page(
 
 @dataclass(frozen=True, eq=False)
 class OneFlight:
-    """A flight with its diagnosis: its ``task``, what was flown, what the loop said, and how it is
-    scored.
-    """
+    """A flight with its ``task``, its diagnosis and its score."""
 
     task: Task
     flown: Flown
@@ -217,8 +217,8 @@ def fly_one(
     root: int,
     progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> OneFlight:
-    """Flight ``number`` of the campaign whose seeds spring from ``root``: the same as in the
-    campaign, to the last bit.
+    """Fly flight ``number`` of the campaign with the root seed ``root``; it equals that of the
+    campaign bit for bit.
 
     Raises
     ------
@@ -233,12 +233,12 @@ def fly_one(
 
 
 def one_text(one: OneFlight, width: int = WIDTH) -> str:
-    """What `flightid diagnose` prints, and what was true."""
+    """Return the text of `flightid diagnose` and the truth."""
     return f"{diagnosis_text(one.tracing, width).rstrip()}\n\n{truth_sentence(one)}\n"
 
 
 def truth_sentence(one: OneFlight) -> str:
-    """What was hidden, and what the diagnosis is worth."""
+    """Return a sentence on the hidden effect and the score of the diagnosis."""
     values = ", ".join(f"{local} {value:.5g}" for local, value in one.flown.values.items())
     hidden = (
         f"{one.flown.name} ({values}; SI), {one.flown.size:.0f} sigmas"
@@ -251,9 +251,7 @@ def truth_sentence(one: OneFlight) -> str:
 
 
 def write_one(one: OneFlight, folder: str | Path, *, figures: Formats = USUAL) -> Path:
-    """Write the diagnosis, the files that the loop was given, and ``truth.json`` (last); returns
-    the folder.
-    """
+    """Write the diagnosis, the files of the loop, and ``truth.json`` (last); return the folder."""
     write_diagnosis(one.tracing, folder, figures=figures)
     with study_folder(folder, "truth.json") as scratch:
         write_hidden(one.flown, scratch)

@@ -41,13 +41,13 @@ from sim.truth.flight import fly, sample_times
 MODELS = ("rigid", "loes", "ballistic", "flexible", "lateral", "longitudinal")
 # whose vehicles and maneuvers are drawn; of the others the flight of a tracing scenario
 DRAWN = ("rigid", "loes", "ballistic")
-STEP = 0.005  # s, of the integration; input paths work on finer cells of their own
+STEP = 0.005  # s, integration step; input paths use finer cells
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """One record to be flown: the true model without noise from where this record begins, its
-    maneuvers by input, and its times in s.
+    """One record to be flown: the true model without noise at its start, maneuvers by input, and
+    times in s.
     """
 
     model: Model
@@ -60,7 +60,7 @@ class Plan:
 
     @property
     def interval(self) -> float:
-        """s between samples."""
+        """Sampling interval, s."""
         return float(self.time[1] - self.time[0])
 
 
@@ -69,9 +69,12 @@ HiddenEffects = tuple[tuple[Effect, Mapping[str, float]], ...]
 
 @dataclass(frozen=True, eq=False)
 class Carrier:
-    """A vehicle in two records: ``model`` is what the loop is told it is, ``noise`` the standard
-    deviation of each measured output, ``free`` the parameters that the loop estimates,
-    ``vehicle_file`` the text of the file that it is given."""
+    """A vehicle in two records.
+
+    ``model`` is the name of the model for the loop, ``noise`` the standard deviation of each
+    measured output, ``free`` the parameters that the loop estimates, and ``vehicle_file`` the text
+    of the vehicle file for the loop.
+    """
 
     vehicle: str
     model: str
@@ -84,7 +87,7 @@ class Carrier:
     def flown(
         self, plan: Plan, hidden: HiddenEffects, rng: np.random.Generator, *, step: float = STEP
     ) -> Record:
-        """One record without measurement noise; ``rng`` for what is random in an effect."""
+        """Fly one record without measurement noise; ``rng`` serves random effects."""
         true = plan.model
         for effect, values in hidden:
             true = true.with_effects(effect).with_values(
@@ -100,7 +103,7 @@ class Carrier:
         )[0]
 
     def measured(self, record: Record, rng: np.random.Generator) -> Record:
-        """The same with measurement noise."""
+        """Return a record with measurement noise."""
         outputs = tuple(
             Channel.of(
                 c.name, c.unit, c.values + self.noise[c.name] * rng.standard_normal(len(record))
@@ -111,13 +114,13 @@ class Carrier:
 
 
 def drawn_carrier(model: str, rng: np.random.Generator) -> Carrier:
-    """A vehicle for a model of ``MODELS`` with two records."""
+    """Draw a vehicle with two records for a model of ``MODELS``."""
     return _drawn(model, rng) if model in DRAWN else _of_scenario(model, rng)
 
 
 @cache
 def equations_of(model: str) -> Equations:
-    """The equations of a model's vehicles, which all have the same effects."""
+    """Return the equations of a model's vehicles, which all have the same effects."""
     return drawn_carrier(model, np.random.default_rng(0)).train.model.equations
 
 
@@ -178,21 +181,22 @@ UNSEEN = ("sensor-delay:altitude", "sensor-lag:altitude")
 
 @dataclass(frozen=True)
 class Instance:
-    """An effect by its full name on the vehicles of one model; without a name, nothing."""
+    """An effect with its full name on the vehicles of one model; with an empty name, no effect."""
 
     model: str
     name: str
 
 
 def effect_of(instance: Instance) -> Traceable:
-    """The effect of an instance as the library has it, in its first form where it has several."""
+    """Return the effect of an instance from the library, in its first form if it has several."""
     return _offered(instance.model)[instance.name]
 
 
 @cache
 def _offered(model: str) -> Mapping[str, Traceable]:
-    """Effects that may be hidden on a model's vehicles, by name. General forms are no causes, and
-    modes that a vehicle declares no effects.
+    """Return the effects that may be hidden on a model's vehicles, by name.
+
+    General forms and modes that a vehicle declares are not among them.
     """
     offered = [
         effect
@@ -204,8 +208,9 @@ def _offered(model: str) -> Mapping[str, Traceable]:
 
 @cache
 def library_kinds() -> Mapping[str, tuple[Instance, ...]]:
-    """Kind -> instances, models and channels mixed, so that few flights see several; ``NOTHING``
-    first.
+    """Return the instances of each kind, ``NOTHING`` first.
+
+    Models and channels are mixed, so that few flights include several of them.
     """
     kinds: dict[str, dict[Instance, None]] = {
         NOTHING: dict.fromkeys(Instance(model, "") for model in MODELS)
@@ -217,15 +222,15 @@ def library_kinds() -> Mapping[str, tuple[Instance, ...]]:
 
 
 def _mixed(instances: tuple[Instance, ...]) -> tuple[Instance, ...]:
-    """An order of its own for each number of them, always the same."""
+    """Return a permutation that depends on the number of items only."""
     return tuple(
         instances[at] for at in np.random.default_rng(len(instances)).permutation(len(instances))
     )
 
 
 def chosen(asked: Sequence[str] | None) -> Mapping[str, tuple[Instance, ...]]:
-    """Those of the library that are asked for: ``nothing``, a kind, or an effect by its full name;
-    all, None.
+    """Return the kinds that are asked for: ``nothing``, a kind, or an effect by its full name; None
+    for all.
 
     Raises
     ------

@@ -29,19 +29,20 @@ from sim.record import Record
 
 # ---- How the values of a hidden effect are drawn
 
-# an absent value beyond it is a limit that is never reached: such a parameter goes as one over the
-# amount
+# An absent value beyond this is a limit that is never reached. Such a parameter is proportional to
+# the inverse of the amount.
 FAR = 1e6
-EARLIEST, LATEST = 0.15, 0.6  # of the record, when an event begins
-_KNOWN = ("duration", "width")  # of simulated spikes: what they ask of the record
+EARLIEST, LATEST = 0.15, 0.6  # begin of an event, as a share of the record
+_OF_RECORD = ("duration", "width")  # parameters of simulated spikes that are those of the record
 
 
 @dataclass(frozen=True, eq=False)
 class Draw:
-    """An effect's values by amount: at one those of usual size, at zero its absence.
+    """Values of an effect as a function of an amount: absent at zero, of usual size at one.
 
-    ``usual`` : local values at an amount of one; ``absent`` of those that the amount moves;
-    ``items`` its parameters by local name.
+    ``usual`` has the local values at an amount of one, and ``absent`` the absent values of the
+    parameters that depend on the amount. ``items`` has the parameters by local name, and
+    ``plausible`` their plausible ranges.
     """
 
     usual: Mapping[str, float]
@@ -51,11 +52,11 @@ class Draw:
 
     @property
     def sized(self) -> bool:
-        """Whether there is anything that an amount moves."""
+        """Whether any parameter depends on the amount."""
         return bool(self.absent)
 
     def at(self, amount: float) -> dict[str, float]:
-        """Local values, none beyond what is plausible."""
+        """Return the local values at an amount, limited to their plausible ranges."""
         values = dict(self.usual)
         for local, gone in self.absent.items():
             if abs(gone) >= FAR:
@@ -76,8 +77,10 @@ class Draw:
 
 
 def drawn(effect: Traceable, plan: Plan, rng: np.random.Generator) -> Draw:
-    """Values of an effect for one record: the time of an event anywhere but at the ends, other
-    values about usual ones, signs where they may turn.
+    """Draw the values of an effect for one record.
+
+    An event begins anywhere but at the ends of the record. Other values scatter about usual ones,
+    with either sign where both are possible.
     """
     traits, items = effect.traits, {item.name: item for item in effect.parameters}
     moved = {local: gone for local, gone in effect.absent.items() if items[local].free}
@@ -86,7 +89,7 @@ def drawn(effect: Traceable, plan: Plan, rng: np.random.Generator) -> Draw:
     for local, item in items.items():
         if local == traits.onset:
             usual[local] = begun(plan, rng)
-        elif traits.wrong_samples_of and local in _KNOWN:
+        elif traits.wrong_samples_of and local in _OF_RECORD:
             usual[local] = plan.duration if local == "duration" else plan.interval
         elif local in moved and not isinstance(effect, RangedCurve):
             gone = 0.0 if abs(moved[local]) >= FAR else moved[local]
@@ -103,12 +106,12 @@ def drawn(effect: Traceable, plan: Plan, rng: np.random.Generator) -> Draw:
 
 
 def begun(plan: Plan, rng: np.random.Generator) -> float:
-    """When an event begins in a record, s."""
+    """Draw the time at which an event begins in a record, s."""
     return float(plan.time[0] + rng.uniform(EARLIEST, LATEST) * plan.duration)
 
 
 def _about(rng: np.random.Generator, spread: float) -> float:
-    """A factor about one, even in the logarithm."""
+    """Draw a factor about one, uniform in the logarithm."""
     return float(np.exp(rng.uniform(-spread, spread)))
 
 
@@ -118,8 +121,10 @@ def _sign(
     items: Mapping[str, Parameter],
     rng: np.random.Generator,
 ) -> float:
-    """One of two signs where the other makes sense: within bounds, and no mode is excited by its
-    own motion.
+    """Draw a sign; it is always positive if the other sign is not possible.
+
+    The other sign is not possible if it is out of bounds, or if a mode would be excited by its own
+    motion.
     """
     either = float(rng.choice([-1.0, 1.0]))
     turned = all(
@@ -133,8 +138,9 @@ def _sign(
 def _shapes(
     moved: Mapping[str, float], items: Mapping[str, Parameter], rng: np.random.Generator
 ) -> dict[str, float]:
-    """A smooth curve of random form, as large as the usual one: coefficients that fall off, of
-    either sign.
+    """Draw the coefficients of a smooth curve of random form and usual size.
+
+    The coefficients decrease with their number and have either sign.
     """
     names = list(moved)
     drawn = rng.standard_normal(len(names)) / (1.0 + np.arange(len(names))) ** 1.5
@@ -142,21 +148,22 @@ def _shapes(
     return dict(zip(names, drawn.tolist(), strict=True))
 
 
-# ---- How strong a hidden effect is, and the amount of it that is as strong as wanted
+# ---- The strength of a hidden effect, and the amount that gives a wanted strength
 
-COARSE = 0.01  # s
-SLOPE = 1e-4  # of a parameter's value
-START = 1e-3  # of a state that begins at zero
-STEEPEST = 0.4  # rad: about trim no model describes more
+COARSE = 0.01  # s, integration step
+SLOPE = 1e-4  # step of a difference, relative to the value of a parameter
+START = 1e-3  # step of a difference, for an initial state of zero
+STEEPEST = 0.4  # rad, largest angle that perturbations about trim describe
 ANGLES = ("alpha", "beta")
-ROUNDS = 14
-LARGEST = 6.0  # of the usual amount
-NEAR = 0.05  # of the wanted length, at which an amount is good
+ROUNDS = 14  # most amounts that are tried
+LARGEST = 6.0  # largest amount
+NEAR = 0.05  # tolerance of the length, relative to the wanted one
 
 
 class Scale:
-    """The strength of what is hidden in the fitted record of a carrier; random effects with the
-    same random numbers whatever their size.
+    """The strength of a hidden effect in the fitted record of a carrier.
+
+    Random effects use the same random numbers for all sizes.
     """
 
     def __init__(self, carrier: Carrier, seed: int) -> None:
@@ -168,8 +175,10 @@ class Scale:
         self._span = np.linalg.qr(self._columns(plan))[0]
 
     def length(self, hidden: HiddenEffects) -> float:
-        """The change in sigmas that nothing declared explains, infinite where it cannot be flown;
-        half its square is the expected gain.
+        """Return the change of the outputs in sigmas that the declared unknowns cannot explain.
+
+        It is infinite if the flight is not possible. Half its square is the expected gain of the
+        log likelihood.
         """
         changed = self._whitened(self._carrier.train, hidden)
         if changed is None:
@@ -178,8 +187,9 @@ class Scale:
         return float(np.linalg.norm(change - self._span @ (self._span.T @ change)))
 
     def _whitened(self, plan: Plan, hidden: HiddenEffects) -> np.ndarray | None:
-        """Outputs in noise sigmas, one after the other; None where there are none, or beyond what
-        perturbations about trim describe.
+        """Return all outputs in noise sigmas, joined.
+
+        The result is None if the flight is not possible, or goes beyond perturbations about trim.
         """
         try:
             record = self._carrier.flown(
@@ -195,8 +205,9 @@ class Scale:
         return np.concatenate([c.values / self._carrier.noise[c.name] for c in record.outputs])
 
     def _columns(self, plan: Plan) -> np.ndarray:
-        """Directions of what is declared: parameters, where the states begin, a bias of each
-        output; ``(samples, directions)``, of length one.
+        """Return the directions of the declared unknowns, ``(samples, directions)``, of length one.
+
+        The unknowns are parameters, initial states, and a bias of each output.
         """
         model = plan.model
         moved: list[Model] = []
@@ -222,8 +233,10 @@ class Scale:
 
 
 def amount_for(length: Callable[[float], float], wanted: float) -> tuple[float, float]:
-    """The amount at which a length, which grows with it, is the wanted one, and the length there;
-    else the nearest that can be flown.
+    """Return the amount at which an increasing length has the wanted value, and the length there.
+
+    If no amount gives the wanted length, the amount with the nearest length that can be flown is
+    returned.
     """
     amount, low, high = 1.0, 0.0, LARGEST
     best = (0.0, 0.0)
@@ -234,8 +247,8 @@ def amount_for(length: Callable[[float], float], wanted: float) -> tuple[float, 
         if abs(now - wanted) < NEAR * wanted or (now < wanted and amount >= LARGEST):
             break
         low, high = (amount, high) if now < wanted else (low, amount)
-        # The length grows nearly as the amount does; where that law leads astray the amount is
-        # sought between what is known.
+        # The length is nearly proportional to the amount. Where this fails, the amount is searched
+        # between the known ones.
         step = amount * wanted / now if math.isfinite(now) and now > 0.0 else 0.0
         beyond = step >= high == LARGEST
         amount = (
@@ -252,18 +265,19 @@ def amount_for(length: Callable[[float], float], wanted: float) -> tuple[float, 
 
 # ---- One flight with one effect of the library in it, or nothing
 
-# sigmas: expected gains of 32 and 3200; at the first one nearly all weak effects are detected
+# Sigmas; the expected gains are 32 and 3200. At the first one nearly all effects are detected.
 WEAKEST, STRONGEST = 8.0, 80.0
-SEEN = 0.5  # of what is wanted, below which another effect of the kind is tried
+SEEN = 0.5  # share of the wanted size below which another instance of the kind is tried
 TRIES = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Flown:
-    """A flight with its truth: ``values`` of the effect ``name`` (empty: nothing) in the fitted
-    record, and its ``size`` in sigmas.
+    """A flight with its truth.
 
-    ``values`` are local and SI; in the record that is held out an event begins at another time.
+    ``values`` are those of the effect ``name`` in the fitted record, local and SI, and ``size`` is
+    its size in sigmas. The name is empty if nothing is hidden. In the held-out record an event
+    begins at another time.
     """
 
     carrier: Carrier
@@ -275,11 +289,11 @@ class Flown:
 
 
 def fly_hidden(instances: Sequence[Instance], turn: int, seed: int) -> Flown:
-    """The flight of a seed with one of some ``instances`` in it: that whose ``turn`` it is, or one
-    drawn at random where that cannot be seen.
+    """Fly the flight of a seed with one of some ``instances`` hidden in it.
 
-    Sizes are even in the logarithm from ``WEAKEST`` to ``STRONGEST``. What stays too small at its
-    largest plausible size is flown nevertheless.
+    The instance is the one whose ``turn`` it is. If it cannot be observed, another one is drawn at
+    random. Sizes are uniform in the logarithm from ``WEAKEST`` to ``STRONGEST``. An instance that
+    is too small at its largest plausible size is flown nevertheless.
 
     Raises
     ------
@@ -309,7 +323,7 @@ def fly_hidden(instances: Sequence[Instance], turn: int, seed: int) -> Flown:
 def _attempt(
     instance: Instance, wanted: float, rng: np.random.Generator
 ) -> tuple[Carrier, Traceable | None, Mapping[str, float], float]:
-    """A vehicle and values of an effect that are as strong as wanted, as far as they can be."""
+    """Draw a vehicle, and the values of an effect with the wanted strength, as far as possible."""
     carrier = drawn_carrier(instance.model, rng)
     if not instance.name:
         return carrier, None, {}, 0.0
@@ -327,8 +341,9 @@ def _attempt(
 def _elsewhere(
     effect: Traceable, values: Mapping[str, float], carrier: Carrier, rng: np.random.Generator
 ) -> Mapping[str, float]:
-    """Values in the record that is held out: those of the aircraft are the same, an event is
-    another one.
+    """Return the values in the held-out record.
+
+    Values of the aircraft are the same; an event begins at another time.
     """
     onset = effect.traits.onset
     return {
@@ -338,8 +353,9 @@ def _elsewhere(
 
 
 def write_hidden(flown: Flown, folder: Path) -> Request:
-    """What the loop is given, in a folder that exists: ``train.csv`` and ``validate.csv`` with
-    their sidecars, ``vehicle.toml``.
+    """Write the files for the loop into an existing folder.
+
+    They are ``train.csv`` and ``validate.csv`` with their sidecars, and ``vehicle.toml``.
     """
     train, _ = write_record(folder, flown.train, "train", simulated=True)
     validate, _ = write_record(folder, flown.validate, "validate", simulated=True)

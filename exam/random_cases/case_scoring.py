@@ -29,7 +29,7 @@ REFUSED, FAILED = "refused", "failed"
 
 
 def case_score_of(case: Case, model: Model, tracing: Tracing, seconds: float) -> CaseScore:
-    """The score of a diagnosis."""
+    """Return the score of a diagnosis."""
     diagnosis = tracing.diagnosis
     claims = [claim for claim in diagnosis.effects if claim.claimed]
     left, wrong = _matched(case, claims)
@@ -51,7 +51,7 @@ def case_score_of(case: Case, model: Model, tracing: Tracing, seconds: float) ->
 
 
 def _statements(case: Case, claims: Sequence[Claim]) -> tuple[Statement, ...]:
-    """All names of the claims that have a probability."""
+    """Return all names of the claims that have a probability."""
     return tuple(
         Statement(name, p, _is_hidden(case, name))
         for claim in claims
@@ -60,8 +60,10 @@ def _statements(case: Case, claims: Sequence[Claim]) -> tuple[Statement, ...]:
 
 
 def refusal_score_of(case: Case, fault: FlightidError, seconds: float) -> CaseScore:
-    """The score where there is no diagnosis: files refused are right for a recorder's fault and an
-    alarm for all else, a failure is never right.
+    """Return the score of a case without a diagnosis.
+
+    Refusing the files is right for a fault of the recorder, and a false alarm for other cases. A
+    failure is never right.
     """
     refused = isinstance(fault, RecordError | DeclarationError)
     return CaseScore(
@@ -78,8 +80,9 @@ def refusal_score_of(case: Case, fault: FlightidError, seconds: float) -> CaseSc
 
 
 def _matched(case: Case, claims: Sequence[Claim]) -> tuple[set[str], bool]:
-    """Answers that no claim gives, and whether a claim gives none; each claim answers once, so as
-    to answer most.
+    """Return the answers that no claim gives, and whether a claim gives none of them.
+
+    Each claim gives one answer at most, assigned so that most answers are given.
     """
     answers = sorted(case.answers)
     accepted = {name for hidden in case.hidden for name in KINDS[hidden].accepted}
@@ -104,8 +107,9 @@ def _says(answer: str, claim: Claim) -> bool:
 
 
 def _given(names: Set[str], accepted: Set[str]) -> bool:
-    """Whether one of the names is accepted; of a numbered effect (``elastic-mode#2``,
-    ``elastic-mode:1``) any number.
+    """Return whether one of the names is accepted.
+
+    A numbered effect (``elastic-mode#2``, ``elastic-mode:1``) is accepted with any number.
     """
     plain = {name.partition("#")[0] for name in names}
     return bool(
@@ -122,7 +126,7 @@ def _is_hidden(case: Case, name: str) -> bool:
 
 
 def _rightly_concluded(case: Case, tracing: Tracing, claims: Sequence[Claim]) -> bool:
-    """Whether the verdict is right, where the claims are."""
+    """Return whether the verdict is right, given right claims."""
     verdict = tracing.diagnosis.verdict
     if not case.hidden:
         return verdict is Verdict.CONSISTENT
@@ -133,7 +137,7 @@ def _rightly_concluded(case: Case, tracing: Tracing, claims: Sequence[Claim]) ->
 
 
 def _told_of(words: Sequence[str], tracing: Tracing) -> bool:
-    """Whether a warning or a note about the record has one of the words."""
+    """Return whether a warning or a note on the record has one of the words."""
     look = (*tracing.look.doubts, *tracing.look.lines)
     texts = [*tracing.doubts, *look, *tracing.notes, *warnings_of(tracing)]
     return any(
@@ -166,12 +170,13 @@ HEADINGS = (
     "within 2 sigmas, %",
     "95 % interval",
 )
-UNPREDICTABLE = ("turbulence", "spikes")  # what is held out has its own, which no fit foretells
+# The held-out record has other realisations of these, which no fit can predict.
+UNPREDICTABLE = ("turbulence", "spikes")
 
 
 def summary(scores: Sequence[CaseScore]) -> dict[str, float]:
-    """Shares over many cases: right, wrong claims, derivatives within two standard deviations where
-    right, and the held-out error's median.
+    """Return shares over many cases: right answers, wrong claims, derivatives within two standard
+    deviations in right cases, and the median of the held-out error.
     """
     count, right = len(scores), [score for score in scores if score.right]
     free = [
@@ -199,10 +204,10 @@ def summary(scores: Sequence[CaseScore]) -> dict[str, float]:
 
 
 def coverage(scores: Sequence[CaseScore]) -> tuple[float, tuple[float, float]]:
-    """The share of derivatives within two standard deviations, over cases that are right and hide
-    what a library effect names or nothing.
+    """Return the share of derivatives within two standard deviations.
 
-    Derivatives of one case are correlated: the interval counts cases.
+    It is over right cases in which nothing, or an effect of the library, is hidden. Derivatives of
+    one case are correlated, so that the interval is over cases.
     """
     told = [
         np.abs([*score.errors.values()])
@@ -219,8 +224,10 @@ def coverage(scores: Sequence[CaseScore]) -> tuple[float, tuple[float, float]]:
 
 
 def summary_table(scores: Sequence[CaseScore]) -> list[str]:
-    """Lines of one table: all cases, those of each model, of each group, and with each kind of
-    thing hidden (a pair counts for both).
+    """Return the lines of a table: all cases, then those of each model, each group, and each hidden
+    kind.
+
+    A case with two hidden kinds counts for both.
     """
     rows = [_row("all", scores)]
     rows += _by(scores, lambda score: (score.case.model,))
@@ -230,7 +237,7 @@ def summary_table(scores: Sequence[CaseScore]) -> list[str]:
 
 
 def reliability_table(statements: Sequence[Statement]) -> list[str]:
-    """Lines of a table: of the names said to be so likely, how many are right."""
+    """Return the lines of a table: shares of right names, by their probability."""
     rows = []
     for item in reliability(statements):
         right = f"{100.0 * item.right / item.count:.0f}" if item.count else ""

@@ -48,15 +48,15 @@ GROUPS = {
     "foreign": 0.15,
     "recorder": 0.15,
 }
-TRIES = 20  # of sizes, for one case
-# Both change the airspeed; a truth with two laws for it is none.
+TRIES = 20  # draws of sizes for one case
+# Both change the airspeed, which has one true law only.
 NEVER_TOGETHER = frozenset({"phugoid", "speed-variation"})
 
 
 @dataclass(frozen=True, eq=False)
 class Written:
-    """A case in a folder: the true model, what is hidden in the first record, and what the loop is
-    told.
+    """A case in a folder: the true model, the hidden causes of the first record, and the request
+    for the loop.
     """
 
     case: Case
@@ -66,10 +66,10 @@ class Written:
 
 
 def examine(seed: int, group: str = "") -> CaseScore:
-    """Draw a case, fly it, have it diagnosed, and score it; all but the time depends on these
-    alone.
+    """Draw a case, fly it, have it diagnosed, and score it.
 
-    ``group`` : one of ``GROUPS``; empty, it is drawn as well.
+    Everything but the time depends on the arguments alone. ``group`` is one of ``GROUPS``; an empty
+    one is drawn as well.
     """
     with tempfile.TemporaryDirectory(prefix="flightid-") as name:
         return score_written(write_case(seed, Path(name), group), Path(name))
@@ -82,7 +82,7 @@ def score_written(written: Written, folder: Path) -> CaseScore:
         tracing = diagnose_files(written.request)
     except FlightidError as fault:
         score = refusal_score_of(written.case, fault, process_time() - started)
-        # The folder's name is chance, and no part of a score.
+        # The name of the folder is random and must not be part of a score.
         return replace(score, values=written.values, said=score.said.replace(f"{folder}/", ""))
     score = case_score_of(written.case, written.model, tracing, process_time() - started)
     return replace(score, values=written.values)
@@ -110,8 +110,8 @@ def write_case(seed: int, folder: Path, group: str = "") -> Written:
 
 
 def write_clean(name: str, seed: int, folder: Path) -> tuple[Written, Flight]:
-    """A case of one model in which nothing is hidden, drawn as others are, and the flight of its
-    first record.
+    """Write a case of one model with nothing hidden, drawn like other cases; return it with the
+    flight of its first record.
 
     Raises
     ------
@@ -160,7 +160,7 @@ def _written(
     folder: Path,
     rng: np.random.Generator,
 ) -> Written | None:
-    """A case of a group; None where what was drawn could not be flown, or seen."""
+    """Write a case of a group; return None if the draw cannot be flown or observed."""
     hidden = drawn_hidden(group, name, channels, rng)
     answers = frozenset(KINDS[kind].answer for kind in hidden if KINDS[kind].answer)
     outside = any(not KINDS[kind].answer for kind in hidden)
@@ -172,7 +172,9 @@ def _written(
 def _flown_and_written(
     case: Case, model: Model, flights: tuple[Flight, Flight], folder: Path, rng: np.random.Generator
 ) -> Written | None:
-    """A case's files in a folder; None where what is hidden could not be flown, or seen."""
+    """Write the files of a case into a folder; return None if the hidden cause cannot be flown or
+    observed.
+    """
     sane = _flown_sanely(case, *flights, rng)
     if sane is None:
         return None
@@ -192,8 +194,10 @@ def _flown_and_written(
 def _flown_sanely(
     case: Case, train: Flight, validate: Flight, rng: np.random.Generator
 ) -> tuple[Values, tuple[Record, Record]] | None:
-    """What is hidden in the first record, and both; drawn anew where it would not be seen, or leave
-    the range of any model.
+    """Return the hidden causes of the first record, and both records.
+
+    The draw is repeated if the causes would not be observable, or the motion would leave the range
+    of any model.
     """
     for _ in range(TRIES):
         first = drawn_values(case.hidden, train.setting, rng)
@@ -210,8 +214,9 @@ def _flown_sanely(
 def drawn_hidden(
     group: str, model: str, channels: tuple[str, ...], rng: np.random.Generator
 ) -> tuple[str, ...]:
-    """Names of what a case of a group hides. A falling body has one channel, which does not
-    separate two effects: it hides one.
+    """Draw the names of the hidden causes of a case.
+
+    A falling body has one channel, which cannot separate two effects. It has one hidden cause.
     """
     if group == "nothing":
         return ()
@@ -229,7 +234,10 @@ def drawn_hidden(
 
 
 def _go_together(one: str, other: str) -> bool:
-    """Whether two effects are two: not one fault by two names, nor two laws of one quantity."""
+    """Return whether two effects can be hidden together.
+
+    They can unless they are one fault with two names, or two laws of one quantity.
+    """
     a, b = KINDS[one].answer, KINDS[other].answer
     return not same_fault(a) & same_fault(b) and {a, b} != NEVER_TOGETHER
 
@@ -242,10 +250,10 @@ def _chosen(shares: dict[str, float], rng: np.random.Generator) -> str:
 
 
 def examined(first: int, count: int, execution: Execution, group: str = "") -> FlownCampaign:
-    """Scores of the cases ``first`` to ``first + count - 1``, of those that had ended where it was
-    stopped.
+    """Return scores of the cases ``first`` to ``first + count - 1``; if stopped, of those that had
+    ended.
 
-    ``group`` : all of them are of this one; empty, each draws its own.
+    ``group`` : the group of all cases; empty if each case draws its own.
     """
     told = {"first": first, **({"group": group} if group else {})}
     work = LoopFlights("random-cases", partial(_case, first, group), CaseScore, told)
@@ -254,12 +262,12 @@ def examined(first: int, count: int, execution: Execution, group: str = "") -> F
 
 
 def _case(first: int, group: str, number: int, seed: int) -> CaseScore:
-    """A case has its own small seed, by which documents name it, and takes none that is spawned."""
+    """Return a case with the small seed of its number, by which documents name it."""
     return examine(first + number, group)
 
 
 def line_of(score: CaseScore) -> Mapping[str, Any]:
-    """What one line of the file holds; a number that is not finite is left out."""
+    """Return the line of the file for a score; numbers that are not finite are left out."""
     case = score.case
     return {
         **{
@@ -290,7 +298,7 @@ def line_of(score: CaseScore) -> Mapping[str, Any]:
 
 
 def score_of_line(line: Mapping[str, Any]) -> CaseScore:
-    """The score that ``line_of`` wrote.
+    """Return the score of a line.
 
     Raises
     ------
@@ -356,7 +364,7 @@ def recorder_faults(arguments: Sequence[str] | None = None) -> int:
 def _examine(name: str, arguments: Sequence[str] | None) -> int:
     """Examine COUNT cases from seed FIRST on.
 
-    Each is kept as it is done; ``cases.jsonl`` has them in the order of the seeds.
+    Each score is stored as soon as it is known; ``cases.jsonl`` has them in the order of the seeds.
     """
     parser = Parser(name, "random cases, one JSON line each")
     parser.add_argument("first", type=int, metavar="FIRST", help="the first seed")
@@ -379,7 +387,7 @@ def _examine(name: str, arguments: Sequence[str] | None) -> int:
 
 
 def score(arguments: Sequence[str] | None = None) -> int:
-    """Tables of random cases that were examined before, from the files of one or several series."""
+    """Print the tables of examined random cases, from the files of one or several series."""
     parser = Parser("score", "tables of random cases from their files")
     parser.add_argument("files", type=Path, nargs="+", metavar="CASES.jsonl")
     asked = parser.parse_args(arguments)

@@ -21,21 +21,22 @@ from sim.truth.flight import fly, sample_times
 
 # ---- A case's records
 
-STEP = 0.002  # s, of the integration
-STEEPEST = 0.4  # rad of alpha: perturbations about trim describe no more, and nobody flies on
+STEP = 0.002  # s, integration step
+# rad, largest alpha that perturbations about trim describe; nobody would fly on.
+STEEPEST = 0.4
 Values = Mapping[str, Mapping[str, float]]
 
 
 def drawn_values(hidden: tuple[str, ...], setting: Setting, rng: np.random.Generator) -> Values:
-    """Parameters of what is hidden in the first record."""
+    """Draw the parameters of the hidden causes in the first record."""
     return {name: KINDS[name].draw(rng, setting) for name in hidden}
 
 
 def values_again(
     hidden: tuple[str, ...], first: Values, setting: Setting, rng: np.random.Generator
 ) -> Values:
-    """Those in the second record: drawn anew for what belongs to one record, but what belongs to
-    the vehicle.
+    """Return the parameters in the second record: those of the vehicle are the same, those of a
+    record are drawn again.
     """
 
     def again(name: str) -> Mapping[str, float]:
@@ -50,7 +51,7 @@ def values_again(
 
 
 def flown(case: Case, values: Values, flight: Flight, rng: np.random.Generator) -> Record:
-    """One record with noise, as it comes out of the recorder.
+    """Fly one record with noise and with the faults of the recorder.
 
     Raises
     ------
@@ -83,8 +84,9 @@ def simulated(
     *,
     step: float = STEP,
 ) -> Record:
-    """The same without noise and recorder, some of the vehicle's parameters ``changed``; ``step``
-    of the integration in s.
+    """Fly one record without noise and recorder.
+
+    ``changed`` has changed parameters of the vehicle, and ``step`` is the integration step in s.
     """
     setting = flight.setting
     true = setting.model.with_noise(Noise()).with_values(changed)
@@ -103,7 +105,7 @@ def simulated(
 def _with_term(model: Model, name: str, drawn: Mapping[str, float], setting: Setting) -> Model:
     effect = find_any_term(KINDS[name].term, model.equations, name)
     local = {item.name for item in effect.parameters}
-    # Only simulated spikes ask how long the record and a sample are.
+    # Only simulated spikes have the durations of the record and of a sample as parameters.
     known = {
         **({"duration": setting.duration, "width": setting.interval} if "spikes" in name else {}),
         **drawn,
@@ -117,13 +119,14 @@ def _with_term(model: Model, name: str, drawn: Mapping[str, float], setting: Set
 
 LEAST = 40.0  # log likelihood: at that strength the weak effects of ``detection`` are all detected
 COARSE = 4.0 * STEP  # s
-SLOPE = 1e-3  # of a parameter's or a state's value
-LEAST_STATE = 0.1  # rad, rad/s: of a state that begins with zero
+SLOPE = 1e-3  # step of a difference, relative to the value of a parameter or a state
+LEAST_STATE = 0.1  # rad, rad/s; replaces the value of a state that begins at zero
 
 
 def all_visible(case: Case, values: Values, flight: Flight) -> bool:
-    """Whether each effect that is hidden in a record can be seen there; what is random or the
-    recorder's is not asked.
+    """Return whether each hidden effect of a record is observable.
+
+    Random effects and faults of the recorder are not tested.
     """
     asked = [name for name in values if _is_smooth(name, flight)]
     if not asked:
@@ -165,7 +168,7 @@ def all_visible(case: Case, values: Values, flight: Flight) -> bool:
 
 
 def _left(columns: list[np.ndarray], change: np.ndarray) -> float:
-    """Half the square of what the columns leave of a change."""
+    """Return half the square of the part of a change that the columns do not explain."""
     basis = np.concatenate(columns, axis=1)
     basis = basis / (np.linalg.norm(basis, axis=0) + 1e-300)
     rest = change - basis @ np.linalg.lstsq(basis, change, rcond=1e-9)[0]
@@ -173,8 +176,9 @@ def _left(columns: list[np.ndarray], change: np.ndarray) -> float:
 
 
 def _is_smooth(name: str, flight: Flight) -> bool:
-    """Whether a kind acts in the flight, and not at random: spikes and turbulence are seen by
-    themselves or not at all.
+    """Return whether a kind acts in the flight and is not random.
+
+    Spikes and turbulence are observable alone or not at all.
     """
     kind = KINDS[name]
     if not kind.term or "spikes" in kind.term:
@@ -185,8 +189,10 @@ def _is_smooth(name: str, flight: Flight) -> bool:
 
 
 def _whitened(case: Case, values: Values, flight: Flight, changed: dict[str, float]) -> np.ndarray:
-    """Outputs without noise in its sigmas, ``(channels, N)``, of the aircraft with some parameters
-    changed; zeros where it cannot be flown.
+    """Return the outputs without noise, in noise sigmas, ``(channels, N)``, with some parameters of
+    the aircraft changed.
+
+    They are zero if the flight is not possible.
     """
     smooth = {name: drawn for name, drawn in values.items() if _is_smooth(name, flight)}
     try:

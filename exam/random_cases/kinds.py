@@ -225,7 +225,7 @@ FALLING: Mapping[str, Kind] = {
 
 
 def _in_moment(draw: Draw, local: str) -> Draw:
-    """Sizes said in coefficients, taken to the moment of the equations at hand."""
+    """Convert sizes in coefficients to the moment of the equations."""
 
     def scaled(rng: np.random.Generator, s: Setting) -> Mapping[str, float]:
         values = draw(rng, s)
@@ -284,7 +284,7 @@ FOREIGN: Mapping[str, Kind] = {
         _in_moment(signed(0.012, 0.025, "rate"), "rate"), "own:travelling-mass"
     ),
     "control upwash": Kind(_upwash, "own:control-upwash"),
-    # Named as a curved calibration it is found: the library has no other form of that.
+    # A curved calibration is a right name: the library has no other form of this fault.
     "cubic vane": Kind(
         uniform(30.0, 80.0, "cubic"),
         "own:cubic-vane",
@@ -346,7 +346,7 @@ def _held(rng: np.random.Generator, s: Setting) -> Mapping[str, float]:
 
 
 def _each(channel: str) -> Mapping[str, Kind]:
-    """The faults that any column may have."""
+    """Return the faults that any column may have."""
     needed, said = (channel,), (channel,)
     spikes = (f"sensor-spikes:{channel}",)
     late = _late(channel)
@@ -446,8 +446,8 @@ KINDS: Mapping[str, Kind] = {**EFFECTS, **FALLING, **FOREIGN, **RECORDER}
 
 
 def drawable(group: str, model: str, channels: Sequence[str]) -> list[str]:
-    """Names of a group's kinds that can be hidden in a model's record of these channels and be seen
-    there, in their order.
+    """Return the names of the kinds of a group that can be hidden, and are observable, in a model's
+    record with these channels.
     """
     return [
         name
@@ -457,7 +457,7 @@ def drawable(group: str, model: str, channels: Sequence[str]) -> list[str]:
 
 
 def families(names: Sequence[str]) -> dict[str, list[str]]:
-    """Names by what stands before the colon: one fault on several channels is one family."""
+    """Return the parts of names before the colon: one fault on several channels is one family."""
     found: dict[str, list[str]] = {}
     for name in names:
         found.setdefault(name.partition(":")[0], []).append(name)

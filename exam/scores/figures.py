@@ -32,16 +32,16 @@ from scenarios.plots.style import (
 
 # ---- Verdicts of many flights whose truth is known
 
-_ROW = 0.19  # inches a row
+_ROW = 0.19  # height of a row, inches
 _COLOURS = (BLUE, SKY, LIGHT, GREY, ORANGE, VERMILION)
-_SMALL = 6.5  # points, of labels of a crowded figure
+_SMALL = 6.5  # size of labels in a crowded figure, points
 MOST_ROWS = 60
 
 
 @dataclass(frozen=True)
 class VerdictRow:
-    """What was hidden, in how many flights; shares of the outcomes in per cent, in one order; that
-    of right answers with its interval.
+    """A row of the figure of verdicts: label, number of flights, shares of the outcomes in per
+    cent, and the share of right answers with its interval.
     """
 
     label: str
@@ -52,8 +52,8 @@ class VerdictRow:
 
 
 def figure_verdicts(rows: Sequence[VerdictRow], outcomes: Sequence[str], title: str = "") -> Figure:
-    """A bar a row, its parts the ``outcomes``, the best first; the share of right answers as a dot
-    with its exact interval.
+    """Draw a bar for each row, divided by ``outcomes``, the best first. A dot with its exact
+    interval is the share of right answers.
     """
     rows = rows[:MOST_ROWS]
     n = len(rows)
@@ -98,8 +98,8 @@ def figure_verdicts(rows: Sequence[VerdictRow], outcomes: Sequence[str], title: 
 
 
 def figure_confusion(table: Mapping[str, Mapping[str, int]], title: str = "") -> Figure:
-    """What was hidden up the side, what was concluded along: the share of a row's flights as shade,
-    and in figures where there are few columns.
+    """Draw hidden effects (vertical) against conclusions (horizontal): shares of a row's flights as
+    shades, with numbers if there are few columns.
     """
     rows = [*table][:MOST_ROWS]
     columns = _in_order(rows, table)
@@ -134,8 +134,8 @@ def figure_confusion(table: Mapping[str, Mapping[str, int]], title: str = "") ->
 
 
 def _in_order(rows: Sequence[str], table: Mapping[str, Mapping[str, int]]) -> list[str]:
-    """Conclusions: those that are names of rows in the order of these, then the others, the
-    commonest first.
+    """Sort conclusions: names of rows first, in the order of the rows, then the others by
+    frequency.
     """
     counts: dict[str, int] = {}
     for row in table.values():
@@ -152,8 +152,8 @@ def _in_order(rows: Sequence[str], table: Mapping[str, Mapping[str, int]]) -> li
 
 @dataclass(frozen=True)
 class ReliabilityBin:
-    """Names given a probability from ``low`` to ``high``, the mean of it, the share of them that is
-    right with its interval: all in per cent.
+    """Names with a probability from ``low`` to ``high``: mean probability, and share of right names
+    with its interval, all in per cent.
     """
 
     low: float
@@ -165,8 +165,8 @@ class ReliabilityBin:
 
 
 def figure_reliability(bins: Sequence[ReliabilityBin], title: str = "") -> Figure:
-    """The share that is right against the probability that was said, with exact intervals; on the
-    diagonal where probabilities are right.
+    """Draw the share of right names against their probability, with exact intervals. Correct
+    probabilities lie on the diagonal.
     """
     sheet = make_sheet([3.0], left=0.72, right=2.4, share_x=False)
     (panel,) = sheet.panels
@@ -209,8 +209,10 @@ CONFUSED = "What was concluded (along) of what was hidden (up), % of its flights
 
 
 def scores_figures(scores: Scores, name: str) -> list[Named]:
-    """Verdicts; conclusions where more than one thing was hidden; probabilities and parameters
-    where there are any. ``name`` : of the campaign.
+    """Return the figures of a campaign with this ``name``.
+
+    They are verdicts, conclusions (if there is more than one label), probabilities, and parameters
+    (if there are any).
     """
     of = f"{name}, {len(scores.flights)} flights"
     rows = [_row(label, group) for label, group in scores.groups_and_all.items()]

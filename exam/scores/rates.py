@@ -23,12 +23,12 @@ NO_NAME = {Outcome.UNEXPLAINED: "unexplained", Outcome.NOTHING: "nothing missing
 
 
 def hidden_label(flight: ScoredFlight) -> str:
-    """What was hidden, in words."""
+    """Return the hidden effects in words."""
     return " + ".join(flight.hidden) or NOTHING
 
 
 def standings(flights: Sequence[ScoredFlight]) -> dict[Standing, Share]:
-    """The share of each outcome against the truth, with its exact interval."""
+    """Return the share of each outcome against the truth, with its exact interval."""
     return {
         standing: share_of_flights(flight.standing is standing for flight in flights)
         for standing in Standing
@@ -36,7 +36,7 @@ def standings(flights: Sequence[ScoredFlight]) -> dict[Standing, Share]:
 
 
 def outcomes(flights: Sequence[ScoredFlight]) -> dict[Outcome, Share]:
-    """The share of each outcome, with its exact interval."""
+    """Return the share of each outcome, with its exact interval."""
     return {
         outcome: share_of_flights(flight.outcome is outcome for flight in flights)
         for outcome in Outcome
@@ -44,21 +44,21 @@ def outcomes(flights: Sequence[ScoredFlight]) -> dict[Outcome, Share]:
 
 
 def right_share(flights: Sequence[ScoredFlight]) -> Share:
-    """The share of flights in which all that is hidden is named, and nothing else."""
+    """Return the share of flights in which all hidden effects, and nothing else, are named."""
     return share_of_flights(flight.right for flight in flights)
 
 
 def false_share(flights: Sequence[ScoredFlight]) -> Share:
-    """The share of flights with a claim behind which nothing true stands."""
+    """Return the share of flights with a claim that does not correspond to any true cause."""
     return share_of_flights(bool(flight.false) for flight in flights)
 
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """Flights of a campaign with the label of each, under which they are counted together.
+    """Flights of a campaign, each with the label under which it is counted.
 
-    ``by_kind`` : conclusions are told by kinds of effects, for campaigns in which very many effects
-    are hidden.
+    ``by_kind`` : whether conclusions are counted by kinds of effects, for campaigns with very many
+    hidden effects.
     """
 
     flights: Sequence[ScoredFlight]
@@ -67,7 +67,7 @@ class Scores:
 
     @cached_property
     def groups(self) -> Mapping[str, Sequence[ScoredFlight]]:
-        """Flights by label, in the order in which labels come first."""
+        """Flights by label, in the order in which labels occur first."""
         found: dict[str, list[ScoredFlight]] = {label: [] for label in self.labels}
         for label, flight in zip(self.labels, self.flights, strict=True):
             found[label].append(flight)
@@ -75,12 +75,12 @@ class Scores:
 
     @cached_property
     def groups_and_all(self) -> Mapping[str, Sequence[ScoredFlight]]:
-        """The same, and where there are several all flights."""
+        """The groups and, if there are several, all flights."""
         return self.groups if len(self.groups) < 2 else {**self.groups, ALL: self.flights}
 
     @cached_property
     def confusion(self) -> Mapping[str, Mapping[str, int]]:
-        """Label -> what was concluded -> in how many flights; the commonest first."""
+        """Label -> conclusion -> number of flights, the most frequent conclusion first."""
         said = said_by_kind if self.by_kind else said_in_full
         return {
             label: dict(Counter(map(said, group)).most_common())
@@ -89,13 +89,14 @@ class Scores:
 
 
 def said_in_full(flight: ScoredFlight) -> str:
-    """What was concluded: the names of the claims, or why there is none."""
+    """Return the conclusion of a flight: the names of the claims, or why there are none."""
     return " + ".join(flight.given) or NO_NAME[flight.outcome]
 
 
 def said_by_kind(flight: ScoredFlight) -> str:
-    """The same by the kind of effect: that which was hidden only where it is right, and no more
-    where there are several claims.
+    """Return the conclusion by kind of effect.
+
+    The hidden kind is named only if the claim is right. Several claims are not listed one by one.
     """
     if len(flight.given) > 1:
         return "several names"
@@ -110,7 +111,7 @@ def said_by_kind(flight: ScoredFlight) -> str:
 
 
 def kind_of(name: str) -> str:
-    """An effect's name without its channel, input or number: ``"sensor-lag"`` of
+    """Return an effect's name without channel, input or number: ``"sensor-lag"`` for
     ``"sensor-lag:q"``.
     """
     return name.partition(":")[0].partition("#")[0]
@@ -118,18 +119,18 @@ def kind_of(name: str) -> str:
 
 # ---- The probabilities that the loop gives to names, held against how many of them are right
 
-DRAWS = 2000  # of the bootstrap
+DRAWS = 2000  # bootstrap samples
 SEED = 1  # the same flights give the same interval
 TAILS = (0.025, 0.975)
 
 
 @dataclass(frozen=True)
 class Brier:
-    """Brier score of the names that are given: the mean square of probability minus one where the
-    name is right, zero where it is not.
+    """Brier score of the claimed names: mean of (probability - 1)^2 for right names and
+    probability^2 for wrong ones.
 
-    ``count`` names in all; ``interval`` at 95 %, flights resampled whole; ``constant`` : the score
-    of giving each name the share of them that is right, which says nothing of the single name.
+    ``count`` is the number of names, and ``interval`` the 95 % interval by resampling whole
+    flights. ``constant`` is the score of a constant probability, the share of right names.
     """
 
     count: int
@@ -139,8 +140,9 @@ class Brier:
 
 
 def reliability_of(flights: Sequence[ScoredFlight]) -> tuple[Bin, ...]:
-    """How often names are right by the probability that was given, alternatives among them; those
-    less likely than ``EDGES[0]`` are left out.
+    """Return how often names are right, by the probability that was given.
+
+    Alternatives of claims are included. Names less likely than ``EDGES[0]`` are left out.
     """
     return binned(
         [
@@ -153,7 +155,7 @@ def reliability_of(flights: Sequence[ScoredFlight]) -> tuple[Bin, ...]:
 
 
 def brier(flights: Sequence[ScoredFlight]) -> Brier | None:
-    """The score of the names that are given, one a claim; None where there is none."""
+    """Return the Brier score of the claimed names; None without any."""
     given = [
         [(each.probability, each.right) for each in flight.stated if each.first]
         for flight in flights
@@ -182,11 +184,11 @@ NORMAL = tuple(100.0 * math.erf(k / math.sqrt(2.0)) for k in SIGMAS)  # % of a n
 
 
 def coverage_of(scores: Scores) -> dict[str, tuple[Share, ...]]:
-    """By label, and of all flights: the share of parameters of effects named right that are within
-    one, two and three sigmas of the truth.
+    """Return, by label and for all flights, the shares of effect parameters within one, two and
+    three sigmas of the truth.
 
-    Parameters of one flight are correlated: intervals count flights. Labels without a parameter are
-    left out.
+    Only effects that are named right count. Parameters of one flight are correlated, so that
+    intervals are over flights. Labels without a parameter are left out.
     """
     groups = {
         label: [each.errors.values() for each in group if each.errors]
@@ -199,7 +201,7 @@ def coverage_of(scores: Scores) -> dict[str, tuple[Share, ...]]:
 
 
 def shares_of(errors: Sequence[Iterable[float]]) -> tuple[Share, ...]:
-    """Of errors in sigmas, flight by flight, the shares within one, two and three."""
+    """Return the shares of errors (in sigmas, by flight) within one, two and three sigmas."""
     flights = [[abs(value) for value in each] for each in errors]
     return tuple(
         share_within_flights([value < k for value in flight] for flight in flights) for k in SIGMAS

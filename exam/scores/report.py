@@ -80,12 +80,12 @@ _TOLD = (
 
 
 def rate_rows(scores: Scores) -> list[tuple[Cell, ...]]:
-    """Cells below ``RATES``, by label and for all flights."""
+    """Return the cells of the columns ``RATES``, by label and for all flights."""
     return [_rates(label, group) for label, group in scores.groups_and_all.items()]
 
 
 def confusion_rows(scores: Scores) -> list[tuple[Cell, ...]]:
-    """Cells below ``CONFUSED``."""
+    """Return the cells of the columns ``CONFUSED``."""
     return [
         (label, said, counted(count))
         for label, row in scores.confusion.items()
@@ -94,7 +94,7 @@ def confusion_rows(scores: Scores) -> list[tuple[Cell, ...]]:
 
 
 def said_rows(flights: Sequence[ScoredFlight]) -> list[tuple[Cell, ...]]:
-    """Cells below ``SAID``: names by the probability that they were given."""
+    """Return the cells of the columns ``SAID``: names by the probability that was given."""
     rows: list[tuple[Cell, ...]] = []
     for item in reliability_of(flights):
         low, high = item.interval
@@ -114,7 +114,7 @@ def said_rows(flights: Sequence[ScoredFlight]) -> list[tuple[Cell, ...]]:
 
 
 def brier_sentence(flights: Sequence[ScoredFlight]) -> str:
-    """The score of the names that are given; empty where there is none."""
+    """Return a sentence on the Brier score of the claimed names; empty without any."""
     score = brier(flights)
     if score is None:
         return ""
@@ -129,7 +129,7 @@ def brier_sentence(flights: Sequence[ScoredFlight]) -> str:
 
 
 def covered_rows(scores: Scores) -> list[tuple[Cell, ...]]:
-    """Cells below ``COVERED``."""
+    """Return the cells of the columns ``COVERED``."""
     rows: list[tuple[Cell, ...]] = []
     for label, shares in coverage_of(scores).items():
         rows.append(
@@ -144,14 +144,14 @@ def covered_rows(scores: Scores) -> list[tuple[Cell, ...]]:
 
 
 def percent_cell(share: Share) -> Cell:
-    """A share as a number."""
+    """Return a share as a number in per cent."""
     if not share.of:
         return MISSING
     return Number(100.0 * share.count / share.of, unit="%", shown=percent(share)[0])
 
 
 def share_cells(share: Share) -> tuple[Cell, ...]:
-    """A count, its share in per cent, and the 95 % interval."""
+    """Return a count, its share in per cent, and the 95 % interval."""
     low, high = share.interval
     part = 100.0 * share.count / share.of
     return (
@@ -162,7 +162,7 @@ def share_cells(share: Share) -> tuple[Cell, ...]:
 
 
 def percent(share: Share) -> tuple[str, str]:
-    """A share, and its interval."""
+    """Return a share and its interval as a text."""
     low, high = share.interval
     return (
         (f"{100.0 * share.count / share.of:.0f} %", f"{100.0 * low:.0f} to {100.0 * high:.0f} %")
@@ -197,7 +197,7 @@ PARAMETERS = (
 
 
 def scores_blocks(scores: Scores, width: int = WIDTH) -> list[list[str]]:
-    """Blocks of lines; those in which there is nothing are left out."""
+    """Return the blocks of lines for the terminal; empty blocks are left out."""
     blocks = [
         table_as_lines(rows_table(RIGHT, RATES, rate_rows(scores)), width),
         table_as_lines(rows_table(CONCLUDED, CONFUSED, confusion_rows(scores)), width, keys=2),
@@ -210,7 +210,7 @@ def scores_blocks(scores: Scores, width: int = WIDTH) -> list[list[str]]:
 
 
 def clean_sentence(flights: Sequence[ScoredFlight]) -> str:
-    """False names where nothing is hidden; empty where something always is."""
+    """Return a sentence on false names in flights with nothing hidden; empty without any."""
     share = false_share([each for each in flights if not each.hidden])
     if not share.of:
         return ""
@@ -224,8 +224,8 @@ def clean_sentence(flights: Sequence[ScoredFlight]) -> str:
 
 
 def scores_content(scores: Scores) -> dict[str, Any]:
-    """Rates by label, conclusions, false names where nothing is hidden, probabilities of names,
-    coverage; shares as count, of and interval.
+    """Return the content of ``campaign.json``: rates by label, conclusions, false names,
+    probabilities and coverage. A share is a count, a total and an interval.
     """
     flights = scores.flights
     score = brier(flights)
@@ -251,8 +251,9 @@ def scores_content(scores: Scores) -> dict[str, Any]:
 
 
 def score_cells(flight: ScoredFlight) -> dict[str, Any]:
-    """A flight as cells of a row; None where there is no such thing. ``error_sigmas`` is the
-    largest of the parameters' errors.
+    """Return the cells of a row for a flight; None for a cell without a value.
+
+    ``error_sigmas`` is the largest error of a parameter.
     """
     errors, first = (
         [*flight.errors.values()],
@@ -279,7 +280,7 @@ def score_cells(flight: ScoredFlight) -> dict[str, Any]:
 
 
 def share_content(share: Share) -> dict[str, Any]:
-    """A share as plain data."""
+    """Return a share as plain data."""
     return {"count": share.count, "of": share.of, "interval": list(share.interval)}
 
 
@@ -307,8 +308,8 @@ _RATES, _CONFUSION, _RELIABILITY, _COVERAGE = (
 
 
 def drawn_scores(scores: Scores, name: str, folder: Path, formats: Formats) -> tuple[Drawn, ...]:
-    """The figures of a campaign, drawn into a folder and for its page; none without a format.
-    ``name`` : of the campaign.
+    """Draw the figures of the campaign ``name`` into a folder and for its page; none without a
+    format.
     """
     if not formats or not scores.flights:
         return ()
@@ -319,8 +320,8 @@ def drawn_scores(scores: Scores, name: str, folder: Path, formats: Formats) -> t
 
 
 def scores_sections(scores: Scores, drawn: Sequence[Drawn] = ()) -> tuple[Section, ...]:
-    """Verdicts, names, their probabilities and the coverage of parameters, each with its figure if
-    that is ``drawn``.
+    """Return the sections on verdicts, names, their probabilities and the coverage of parameters,
+    with the figures that are ``drawn``.
     """
 
     def shown(stem: str) -> list[Drawn]:

@@ -44,20 +44,20 @@ from sim.errors import FlightidError
 
 # ---- Many flights of one surrogate flight
 
-BLOCK = 1.0  # s, of held-out error: longer than what residuals remember
+BLOCK = 1.0  # s, blocks of held-out error, longer than the correlation time of residuals
 SIGMAS = 2.0
-SPREAD = 1_000_003  # between the seeds of flights and those of their pseudo-true values
+SPREAD = 1_000_003  # offset between the seeds of flights and of their pseudo-true values
 
 
 @dataclass(frozen=True)
 class Judged:
-    """One flight: what was hidden and how it was named, what was claimed falsely, whether the
-    held-out error grew by more than its scatter.
+    """One flight: hidden effects and how they were named, false claims, and whether the held-out
+    error increased by more than its scatter.
 
-    ``claimed`` : claims and hints (these in parentheses) with their alternatives. ``errors`` by
-    derivative: estimate minus pseudo-true over the reported sigma; ``bias``: pseudo-true minus
-    nominal, a share of it; both empty where pseudo-true values were not asked for or could not be
-    fitted.
+    ``claimed`` has claims and hints (in parentheses) with their alternatives. ``errors`` has, by
+    derivative, the estimate minus the pseudo-true value over the reported sigma. ``bias`` has the
+    pseudo-true minus the nominal value, relative to the latter. Both are empty without pseudo-true
+    values.
     """
 
     seed: int
@@ -75,8 +75,8 @@ class Judged:
 def judge_flight(
     surrogate: Surrogate, seed: int, progress: Progress = lambda stage, share: None
 ) -> Judged:
-    """Fly and diagnose one flight, and hold it against the truth and, with ``draws`` above zero,
-    against pseudo-true values.
+    """Fly and diagnose one flight, and compare the diagnosis with the truth and, with ``draws``
+    above zero, with pseudo-true values.
     """
     study = run_surrogate(surrogate, seed, progress)
     limit = reference(study) if surrogate.draws else None
@@ -104,10 +104,10 @@ def judge_flight(
 
 
 def scored_flight_of(study: SurrogateStudy) -> ScoredFlight:
-    """The same flight for the statistics that all campaigns of the loop have in common; a small
-    cause that acts is no false name.
+    """Return the score of a flight for the statistics that all campaigns have in common.
 
-    It is right where what dominates is named and nothing claimed that does not act.
+    It is right if the dominant effects are named and no claim is false. A small cause that acts is
+    not a false name.
     """
     d, claims = study.tracing.diagnosis, claims_of(study.tracing.diagnosis)
     right = frozenset().union(*(same_fault(name) for name, _ in study.named))
@@ -141,16 +141,17 @@ def _said(claim: Claim) -> str:
 
 
 def claimed_model(study: SurrogateStudy) -> dict[str, Quantity]:
-    """Derivatives of the declared model with what was claimed: those before where nothing was,
-    since hints are no claims.
+    """Return the derivatives of the declared model with the claimed effects.
+
+    Without a claim they are those before the search, since hints are not claims.
     """
     claimed = any(claim.claimed for claim in study.tracing.diagnosis.effects)
     return {row.name: row.after if claimed else row.before for row in study.derivatives}
 
 
 def reference(study: SurrogateStudy) -> PseudoTrue | None:
-    """Pseudo-true values of the declared model with what was claimed; None where it cannot be
-    fitted, to one flight or to many (``has_limit``).
+    """Return the pseudo-true values of the declared model with the claimed effects; None if it
+    cannot be fitted to one flight or to many (``has_limit``).
     """
     claims = {
         c.name: {k: q.value for k, q in c.parameters.items()}
@@ -175,8 +176,8 @@ def reference(study: SurrogateStudy) -> PseudoTrue | None:
 
 
 def worsened(study: SurrogateStudy) -> bool:
-    """Whether the held-out error, all channels at their own scale, is larger after than before by
-    more than two sigmas of its blocks.
+    """Return whether the held-out error, all channels scaled, increased by more than two sigmas of
+    its blocks.
     """
     changes: list[float] = []
     for p in study.tracing.diagnosis.predictions:
@@ -192,13 +193,13 @@ def worsened(study: SurrogateStudy) -> bool:
 
 
 def scores_of(judged: Sequence[Judged]) -> Scores:
-    """The flights for the statistics that all campaigns of the loop have in common."""
+    """Return the flights for the statistics that all campaigns have in common."""
     marked = [flight.marked for flight in judged if flight.marked is not None]
     return Scores(marked, [hidden_label(each) for each in marked])
 
 
 def surrogate_flights(surrogate: Surrogate) -> LoopFlights:
-    """Flights of a surrogate flight, each diagnosed and judged."""
+    """Return the tasks of a surrogate flight, each diagnosed and judged."""
     return LoopFlights(
         surrogate.name, partial(_judge, surrogate), Judged, {"surrogate": plain(surrogate)}
     )
@@ -209,7 +210,7 @@ def _judge(surrogate: Surrogate, number: int, seed: int) -> Judged:
 
 
 def shares(judged: Sequence[Judged]) -> dict[str, Share]:
-    """The shares that a campaign is for, by their names in ``campaign.json``."""
+    """Return the main shares of the campaign, by their names in ``campaign.json``."""
     return {
         "named": share_within_flights(
             [how is not Naming.MISSED for _, how in flight.named] for flight in judged
@@ -227,7 +228,7 @@ def shares(judged: Sequence[Judged]) -> dict[str, Share]:
 
 
 def by_effect(judged: Sequence[Judged]) -> dict[str, tuple[int, int, int]]:
-    """Hidden effect -> flights, named alone, named in a group."""
+    """Return, by hidden effect, the numbers of flights, of names alone, and of names in a group."""
     rows: dict[str, tuple[int, int, int]] = {}
     for name, how in sorted(
         (pair for flight in judged for pair in flight.named), key=lambda pair: pair[0]
@@ -238,8 +239,8 @@ def by_effect(judged: Sequence[Judged]) -> dict[str, tuple[int, int, int]]:
 
 
 def by_derivative(judged: Sequence[Judged]) -> dict[str, tuple[Share, float, float]]:
-    """Derivative -> within two sigmas of the pseudo-true value; of its bias against the nominal one
-    the median and the median size.
+    """Return, by derivative, the share within two sigmas of the pseudo-true value, and the median
+    and the median size of its bias.
     """
     names = list(dict.fromkeys(name for flight in judged for name in flight.errors))
     out = {}
@@ -286,8 +287,8 @@ def campaign_text(
     width: int = WIDTH,
     details: str = BELOW,
 ) -> str:
-    """A summary, shares with intervals, effect by effect, derivative by derivative; ``seeds`` in
-    words.
+    """Return a summary, shares with intervals, and tables by effect and by derivative; ``seeds`` is
+    a text.
     """
     rows = share_rows(judged)
     summary = Summary(
@@ -309,7 +310,7 @@ def campaign_text(
 
 
 def verdict_counts(judged: Sequence[Judged]) -> str:
-    """How often each verdict was given."""
+    """Return the number of flights with each verdict."""
     verdicts = {
         flight.verdict: sum(other.verdict == flight.verdict for other in judged)
         for flight in judged
@@ -318,13 +319,13 @@ def verdict_counts(judged: Sequence[Judged]) -> str:
 
 
 def share_rows(judged: Sequence[Judged]) -> list[tuple[Cell, ...]]:
-    """Cells below ``SHARES``."""
+    """Return the cells of the columns ``SHARES``."""
     found = shares(judged).items()
     return [(_LABELS[key], *share_cells(share)) for key, share in found if share.of]
 
 
 def false_lines(judged: Sequence[Judged]) -> list[str]:
-    """Every claim of what is not there."""
+    """Return a line for each false claim."""
     return [
         f"seed {flight.seed}: {' and '.join(flight.false)} claimed, and not there"
         for flight in judged
@@ -333,12 +334,12 @@ def false_lines(judged: Sequence[Judged]) -> list[str]:
 
 
 def effect_rows(judged: Sequence[Judged]) -> list[tuple[Cell, ...]]:
-    """Cells below ``EFFECTS``."""
+    """Return the cells of the columns ``EFFECTS``."""
     return [(name, *map(counted, counts)) for name, counts in by_effect(judged).items()]
 
 
 def derivative_rows(judged: Sequence[Judged]) -> list[tuple[Cell, ...]]:
-    """Cells below ``DERIVATIVES``."""
+    """Return the cells of the columns ``DERIVATIVES``."""
     found = by_derivative(judged).items()
     return [
         (
@@ -358,8 +359,8 @@ def write_campaign(
     paged: Callable[[Sequence[Drawn]], Page],
     figures: Formats = USUAL,
 ) -> Path:
-    """Write ``flights.csv``, one row a flight, figures, the page that ``paged`` makes with them,
-    and ``campaign.json`` (last).
+    """Write ``flights.csv`` with a row for each flight, figures, the page that ``paged`` makes with
+    them, and ``campaign.json`` (last).
     """
     judged: Sequence[Judged] = done.found
     scores = scores_of(judged)

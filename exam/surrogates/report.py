@@ -63,8 +63,8 @@ from scenarios.trials.planted.report import write_trial
 
 
 def surrogate_text(study: SurrogateStudy, width: int = WIDTH, details: str = BELOW) -> str:
-    """A summary, before and after as `flightid diagnose` shows them, then what was true and what
-    the verdict is worth.
+    """Return a summary, the tables before and after as in `flightid diagnose`, the truth, and the
+    score of the verdict.
     """
     blocks = [
         summary_lines(surrogate_summary(study, details), width),
@@ -84,7 +84,7 @@ def surrogate_text(study: SurrogateStudy, width: int = WIDTH, details: str = BEL
 
 
 def surrogate_summary(study: SurrogateStudy, details: str = BELOW) -> Summary:
-    """The diagnosis, and what the truth says of it."""
+    """Return the summary of the diagnosis with the score by the truth."""
     told = diagnosis_summary(study.tracing, details)
     return replace(
         told,
@@ -94,7 +94,7 @@ def surrogate_summary(study: SurrogateStudy, details: str = BELOW) -> Summary:
 
 
 def flight_lines(flight: Flight) -> list[str]:
-    """What flew, how it was recorded, and what a fit of each record leaves."""
+    """Describe the aircraft, the recording, and the residuals of a fit to each record."""
     drawn = flight.drawn
     rest = left_over(
         flight.records,
@@ -119,7 +119,7 @@ def flight_lines(flight: Flight) -> list[str]:
 
 
 def flown_lines(flight: Flight) -> list[str]:
-    """What flew, and how it was recorded."""
+    """Describe the aircraft and the recording."""
     drawn = flight.drawn
     return [
         f"{drawn.vehicle}, {len(flight.records)} records of {drawn.surrogate.flight.duration:g} s "
@@ -129,7 +129,7 @@ def flown_lines(flight: Flight) -> list[str]:
 
 
 def hidden_text(drawn: DrawnFlight) -> str:
-    """What dominates, with its parameters."""
+    """Describe the dominant effects with their parameters."""
     return (
         "hidden was " + " and ".join(_dominant(item, len(drawn.maneuvers)) for item in drawn.hidden)
         if drawn.hidden
@@ -138,7 +138,7 @@ def hidden_text(drawn: DrawnFlight) -> str:
 
 
 def score_text(study: SurrogateStudy) -> str:
-    """What the truth says of the claims."""
+    """Describe the claims by the truth."""
     said = [f"{name} is {how.value}" for name, how in study.named]
     said += [f"{name} is claimed and is not there" for name in study.false]
     said += [f"{name} is claimed, a small cause that acts" for name in study.small]
@@ -160,8 +160,8 @@ def _dominant(item: Dominant, records: int) -> str:
 
 
 def against_nominal(study: SurrogateStudy) -> Table:
-    """The derivatives before and after; of the declared model alone where no effect stands beside
-    it.
+    """Return the derivatives before and after the search; only those of the declared model if no
+    effect is added.
     """
     rows, alone = study.derivatives, is_unexplained(study.tracing.diagnosis)
 
@@ -191,8 +191,8 @@ def against_nominal(study: SurrogateStudy) -> Table:
 
 
 def scored_page(study: SurrogateStudy, page: Page) -> Page:
-    """The page of the diagnosis with the scenario's title, and the truth before what the loop says
-    of itself.
+    """Return the page of the diagnosis with the title of the scenario and the truth before the
+    result of the loop.
     """
     surrogate = study.surrogate
     told = as_sentence(f"truth: {hidden_text(study.flight.drawn)}; {score_text(study)}")
@@ -217,8 +217,8 @@ def scored_page(study: SurrogateStudy, page: Page) -> Page:
 
 
 def campaign_page(surrogate: Surrogate, done: FlownCampaign, drawn: Sequence[Drawn] = ()) -> Page:
-    """The page of a campaign with the figures ``drawn``: shares with intervals, by effect and by
-    derivative; names, probabilities, sigmas.
+    """Return the page of a campaign with the figures ``drawn``: shares with intervals, tables by
+    effect and by derivative, names, probabilities, sigmas.
     """
     judged: Sequence[Judged] = done.found
     found, false = shares(judged), false_lines(judged)
@@ -258,7 +258,7 @@ def campaign_page(surrogate: Surrogate, done: FlownCampaign, drawn: Sequence[Dra
 
 
 def write_surrogate(study: SurrogateStudy, folder: str | Path, *, figures: Formats = USUAL) -> Path:
-    """Write records, vehicle file, diagnosis, truth and ``comparison.json`` (last); returns the
+    """Write records, vehicle file, diagnosis, truth and ``comparison.json`` (last); return the
     folder.
     """
     given, dressed = partial(write_flight, study.flight), partial(scored_page, study)
@@ -274,8 +274,8 @@ def write_surrogate(study: SurrogateStudy, folder: str | Path, *, figures: Forma
 
 
 def truth_content(flight: Flight) -> dict[str, Any]:
-    """Nominal derivatives, what dominates, levels of the small causes, and what was true of each
-    record alone.
+    """Return nominal derivatives, dominant effects, levels of the small causes, and the true
+    constants of each record.
     """
     drawn = flight.drawn
     return {
@@ -305,8 +305,9 @@ def truth_content(flight: Flight) -> dict[str, Any]:
 
 
 def comparison(study: SurrogateStudy) -> dict[str, Any]:
-    """Content of ``comparison.json``; ``true`` are the nominal derivatives, which small causes
-    move, too.
+    """Return the content of ``comparison.json``.
+
+    ``true`` are the nominal derivatives. The small causes change the limits of the estimates, too.
     """
     d = study.tracing.diagnosis
     rows = study.derivatives

@@ -1,5 +1,5 @@
-"""The schema of surrogate flight scenarios (pydantic), and the way from a checked file to a
-Surrogate; imported only when one is read.
+"""The schema of surrogate flight scenarios (pydantic), and the conversion of a checked file to a
+Surrogate. It is imported only when a file is read.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ OF_LONGITUDINAL = ("trim_alpha", "total", "optional", "once", "level")
 
 
 def surrogate_of(document: Mapping[str, Any], name: str, where: str) -> Surrogate:
-    """A Surrogate from the content of its file; ``where`` names the file in messages.
+    """Return a Surrogate from the content of its file; ``where`` names the file in messages.
 
     Raises
     ------

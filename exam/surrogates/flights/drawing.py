@@ -35,11 +35,10 @@ class LongitudinalFlight:
     changes the speed.
 
     theta_dot = q, V_dot = thrust - g sin(theta - alpha), alpha_dot += (g/V) (cos(theta - alpha) -
-    1); all perturbations about level trim. The lift that carries the weight grows with V^2, too: CL
-    += ``trim_lift`` (1 - (V0/V)^2). Updraft and thrust are inputs that no record holds. ax is the
-    specific force along the body axis, for body and wind axes ``trim_alpha`` + alpha apart. With
-    ``gravity`` and ``trim_lift`` zero, nothing but `ShortPeriod` is left in alpha, q and nz, bit
-    for bit.
+    1); all are perturbations about level trim. The lift that carries the weight also increases with
+    V^2: CL += ``trim_lift`` (1 - (V0/V)^2). Updraft and thrust are inputs that no record has. ax is
+    the specific force along the body axis; body and wind axes differ by ``trim_alpha`` + alpha.
+    With ``gravity`` and ``trim_lift`` zero, alpha, q and nz are those of `ShortPeriod` bit for bit.
     """
 
     name: str = "rigid"
@@ -150,16 +149,16 @@ class Drawn:
 
     @property
     def axis(self) -> Axis:
-        """What the axis of the flight stands for."""
+        """The axis of the flight."""
         return AXES[self.surrogate.flight.axis]
 
     def moves(self, name: str) -> tuple[Table, ...]:
-        """The maneuvers of one input, one a record."""
+        """Return the maneuvers of one input, one for each record."""
         return self.maneuvers if name == self.axis.inputs[0] else self.others[name]
 
 
 def draw(surrogate: Surrogate, rng: np.random.Generator) -> Drawn:
-    """A flight without what dominates; the same generator state gives the same flight."""
+    """Draw a flight without dominant effects; the same generator state gives the same flight."""
     flight = surrogate.flight
     name = str(rng.choice(flight.vehicles))
     declared = drawn_vehicle(name, flight.variation, rng)
@@ -193,8 +192,8 @@ def draw(surrogate: Surrogate, rng: np.random.Generator) -> Drawn:
 
 
 def drawn_vehicle(name: str, variation: float, rng: np.random.Generator) -> Model:
-    """A named aircraft whose every number is off by up to ``variation``, drawn evenly: constants by
-    half of it, but not the flight condition.
+    """Draw a named aircraft whose derivatives differ by up to ``variation``, drawn uniformly.
+    Constants differ by half of it, the flight condition does not.
     """
     if name in AIRCRAFT:
         constants, derivatives = AIRCRAFT[name], USUAL
@@ -220,13 +219,15 @@ def drawn_vehicle(name: str, variation: float, rng: np.random.Generator) -> Mode
 
 
 def short_period(declared: Model) -> float:
-    """Frequency of the short period, rad/s: the root of the product of its roots."""
+    """Return the frequency of the short period, rad/s: the square root of the product of its
+    roots.
+    """
     return math.sqrt(max(0.05, float(np.linalg.det(linearise(declared).A))))
 
 
 def complete(declared: Model, causes: Causes) -> Model:
-    """The short period with speed, pitch angle and the further channels, at the levels of gravity
-    and trim lift.
+    """Return the short period with speed, pitch angle and the further channels, at the levels of
+    gravity and trim lift.
     """
     v = {item.name: item.value for item in declared.parameters}
     trim_lift = (
@@ -253,7 +254,7 @@ def complete(declared: Model, causes: Causes) -> Model:
 
 
 def with_term(model: Model, effect: Effect, values: Mapping[str, float]) -> Model:
-    """The model with one more term at these local values."""
+    """Return the model with one more term at these local values."""
     return model.with_effects(effect).with_values(
         {full_name(effect, local): value for local, value in values.items()}
     )
@@ -266,8 +267,10 @@ def _with_causes(
     corners: Mapping[str, float],
     rng: np.random.Generator,
 ) -> Model:
-    """Small causes that stay for the flight; draws are made for those that are off, too, so that
-    levels do not move each other's draws.
+    """Return the flight with the small causes that are the same in all records.
+
+    Random numbers are drawn for causes that are off, too, so that levels do not influence each
+    other's draws.
     """
     v = {item.name: item.value for item in declared.parameters}
     model = complete(declared, causes)
@@ -321,7 +324,7 @@ def _corners(
 
 
 def dealt(kinds: tuple[str, ...], count: int, rng: np.random.Generator) -> tuple[str, ...]:
-    """So many kinds in random order, none twice before all were there."""
+    """Assign kinds in random order; none occurs twice before all have occurred."""
     dealt: list[str] = []
     while len(dealt) < count:
         dealt += [str(kind) for kind in rng.permutation(list(kinds))]
@@ -329,10 +332,10 @@ def dealt(kinds: tuple[str, ...], count: int, rng: np.random.Generator) -> tuple
 
 
 def _with_one(kinds: tuple[str, ...], kind: str, place: int) -> tuple[str, ...]:
-    """The same kinds but for one."""
+    """Return the kinds with one replaced."""
     return (*kinds[:place], kind, *kinds[place + 1 :])
 
 
 def hiding(drawn: Drawn, hidden: tuple[Dominant, ...]) -> Drawn:
-    """The same flight with these effects."""
+    """Return the same flight with these hidden effects."""
     return replace(drawn, hidden=hidden)

@@ -15,7 +15,7 @@ from sim.maths import shape_names
 
 # ---- What can be hidden in the longitudinal surrogate flights
 
-# Local values at a size of one, the largest that is drawn; the effect vanishes as the size does.
+# Local values at a size of one, the largest that is drawn. At a size of zero the effect vanishes.
 Direction = Mapping[str, float]
 AtSize = Callable[[float], Direction]
 Kind = Callable[[Drawn, np.random.Generator], AtSize]
@@ -42,7 +42,7 @@ def only(local: str, most: Callable[[Drawn], float], absent: float = 0.0) -> Kin
 
 
 def _limit(local: str, largest: Callable[[Drawn], float]) -> Kind:
-    """A limit that comes down from the largest value that the maneuvers reach."""
+    """A limit that decreases from the largest value that the maneuvers reach."""
     return lambda drawn, rng: lambda size: {local: largest(drawn) * (1.0 - 0.85 * size)}
 
 
@@ -174,11 +174,11 @@ KINDS: Mapping[str, Kind] = {
 
 @dataclass(frozen=True)
 class Size:
-    """What a declared size is: the effect's ``local`` parameter, its ``unit``, the largest that may
-    be declared (``most``).
+    """The meaning of a declared size: ``local`` parameter of the effect, ``unit``, and largest
+    allowed size ``most``.
 
-    ``either`` : the sign is drawn. ``speed_share`` : the size is the share of the airspeed lost
-    over a record, the parameter m/s2.
+    ``either`` : whether the sign is drawn. ``speed_share`` : whether the size is the share of the
+    airspeed that is lost over a record, while the parameter is in m/s2.
     """
 
     local: str
@@ -197,8 +197,8 @@ SIZES: Mapping[str, Size] = {
 
 
 def values_at(drawn: Drawn, name: str, size: float, sign: float = 1.0) -> dict[str, float]:
-    """Local values of an effect of this ``size``; ``sign`` is used where the size may go either
-    way.
+    """Return the local values of an effect of this ``size``; ``sign`` is used if the size may have
+    either sign.
     """
     what = SIZES[name]
     if what.speed_share:
