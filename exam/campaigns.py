@@ -170,8 +170,8 @@ def hidden_effect_campaign(name: str, changes: Sequence[str] = ()) -> Campaign:
 def surrogate_campaign(name: str, changes: Sequence[str] = ()) -> Campaign:
     """Return the campaign of surrogate flights of one declaration; raises as ``load_surrogate``."""
     from exam.surrogates.campaign import campaign_text, surrogate_flights, write_campaign
-    from exam.surrogates.declaration import load_surrogate
     from exam.surrogates.report import campaign_page
+    from exam.surrogates.schema import load_surrogate
     from scenarios.studies.catalogue import scenario_file
 
     surrogate = load_surrogate(name, changes)

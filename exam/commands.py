@@ -18,7 +18,7 @@ from exam.campaigns import (
     tabled_campaign,
 )
 from exam.options import Parser, ended_in_one_line, figures_of, manner_of, seed
-from exam.surrogates.declaration import USUAL, load_surrogate, surrogate_names
+from exam.surrogates.schema import USUAL_SURROGATE, load_surrogate, surrogate_names
 from scenarios.files.declarations import named_after
 from scenarios.report.summary import details_in, terminal_width, written_to
 from scenarios.report.terminal import progress_bar
@@ -139,8 +139,8 @@ def _one_again(asked: Namespace, effects: Sequence[str] | None) -> int:
 
 def _add_surrogate(parser: Parser) -> None:
     names = ", ".join(surrogate_names())
-    text = f"{names}, or a file's path; default: {USUAL}"
-    parser.add_argument("name", nargs="?", default=USUAL, metavar="NAME", help=text)
+    text = f"{names}, or a file's path; default: {USUAL_SURROGATE}"
+    parser.add_argument("name", nargs="?", default=USUAL_SURROGATE, metavar="NAME", help=text)
     parser.add_changes()
 
 

@@ -97,8 +97,8 @@ class Detection:
     seconds: float
 
 
-# If nz is recorded, a delay of the surface however small moves the one sample at each switch by
-# its whole jump: no strength can be set.
+# If nz is recorded, even the smallest delay of the surface changes the sample at each switch by the
+# whole jump, so that the strength of these effects cannot be set.
 WITHOUT_NZ = ("input-delay", "actuator-lag")
 SETTINGS = (
     Setting("three channels"),
@@ -222,7 +222,7 @@ def size_of(model: Model, name: str, gain: float, setting: Setting) -> float:
         rest = changed - columns @ np.linalg.lstsq(columns, changed, rcond=None)[0]
         return 0.5 * float(rest @ rest)
 
-    # The gain is nearly proportional to the square of the size; a few corrections by this law suffice.
+    # The gain is nearly proportional to the square of the size, so a few corrections suffice.
     share = 0.05
     for _ in range(5):
         share = min(1.0, share * float(np.sqrt(gain / max(reached(share), 1e-12))))

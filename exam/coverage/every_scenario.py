@@ -24,8 +24,8 @@ from sim.errors import FlightidError
 # ---- Which methods of which scenarios are measured, and with how many runs
 
 SEED = 1
-LOW, HIGH = 0.93, 0.97  # of the two-sigma coverage: where it should be
-IDENTIFIABLE = 0.5  # share of a stated variance that the prior may give
+LOW, HIGH = 0.93, 0.97  # acceptable two-sigma coverage
+IDENTIFIABLE = 0.5  # largest share of a reported variance that may come from the prior
 
 # (scenario, method): runs. The first of a scenario is its main method.
 RUNS: dict[tuple[str, str], int] = {
@@ -67,7 +67,7 @@ RUNS: dict[tuple[str, str], int] = {
 
 
 def measured(name: str, method: str, runs: int, jobs: int | None = 1) -> dict[str, Any]:
-    """Coverage of each parameter, and why a sigma is wrong. Raises FlightidError as
+    """Return the coverage of each parameter, and the cause of wrong sigmas. Raises FlightidError as
     ``fly_campaign``.
     """
     document, short, where = load_document(name)
@@ -148,7 +148,7 @@ KINDS = (INSIDE, TOLD, PRIOR, OPEN)
 
 
 def page_of(found: Sequence[Mapping[str, Any]]) -> str:
-    """The page of all campaigns in their order."""
+    """Return the page of all campaigns in their order."""
     every = [each for campaign in found for each in campaign["parameters"].values()]
     counts = Counter(_kind(each) for each in every)
     inside = sum("wrong" in each and LOW <= each["within_2"] <= HIGH for each in every)
@@ -172,7 +172,7 @@ def page_of(found: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _kind(each: Mapping[str, Any]) -> str:
-    """Which of ``KINDS`` a parameter is."""
+    """Return which of ``KINDS`` a parameter is."""
     if "wrong" in each:
         return TOLD
     if LOW <= each["within_2"] <= HIGH:
@@ -181,7 +181,7 @@ def _kind(each: Mapping[str, Any]) -> str:
 
 
 def _section(campaign: Mapping[str, Any], *, first: bool) -> str:
-    """A table of one campaign, below the heading of its scenario."""
+    """Return the table of one campaign, below the heading of its scenario."""
     heading = f"\n## {campaign['scenario']}\n" if first else ""
     left = (
         ""
@@ -204,7 +204,7 @@ def _row(name: str, each: Mapping[str, Any]) -> str:
 
 
 def judged(each: Mapping[str, Any]) -> str:
-    """What is said of one parameter."""
+    """Return the assessment of one parameter."""
     kind = _kind(each)
     if kind == PRIOR:
         return f"not identifiable: {100 * each['prior_share']:.0f} % of the variance is the prior's"
@@ -238,8 +238,8 @@ PAGE = Path("docs/campaign-statistics.md")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure what is asked, keep the numbers beside the page after each campaign, and write the
-    page; 2 with one line where that fails.
+    """Run the requested campaigns, store the numbers beside the page after each one, and write the
+    page; return 2 with one line on failure.
     """
     parser = Parser("coverage", "coverage of the sigmas of every scenario")
     parser.add_argument(
@@ -296,5 +296,5 @@ def _keep(numbers: Path, found: dict[tuple[str, str], dict[str, Any]]) -> None:
 
 
 def _ordered(found: dict[tuple[str, str], dict[str, Any]]) -> list[dict[str, Any]]:
-    """In the order of the plan; what is no longer in it is left out."""
+    """Sort by the order of the plan; entries that are not in the plan are left out."""
     return [found[key] for key in RUNS if key in found]

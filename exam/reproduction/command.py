@@ -33,14 +33,14 @@ from sim.errors import DeclarationError, FlightidError
 
 
 def scenarios_of(papers: Iterable[Paper]) -> tuple[str, ...]:
-    """Names of the scenarios that a page of these papers asks for, sorted."""
+    """Return the names of the scenarios that a page of these papers needs, sorted."""
     return tuple(
         sorted({split(f"{study}: any")[0] for paper in papers for study in studies_of(paper)})
     )
 
 
 def studies_of(paper: Paper) -> Iterator[str]:
-    """Every ``SCENARIO`` or ``SCENARIO/METHOD`` that a paper's declaration names."""
+    """Return every ``SCENARIO`` or ``SCENARIO/METHOD`` that a paper's declaration names."""
     for part in paper.parts:
         yield from (group.study for group in part.values)
         yield from (matrix.study for matrix in part.matrices)
@@ -55,8 +55,8 @@ def studies_of(paper: Paper) -> Iterator[str]:
 
 
 def study_in(folder: Path, name: str) -> Path:
-    """The study of a scenario in ``folder``, run with its own seed if it is not there; returns its
-    folder.
+    """Return the study folder of a scenario in ``folder``; run it with its own seed if it is
+    missing.
 
     Raises
     ------
@@ -87,9 +87,7 @@ def study_in(folder: Path, name: str) -> Path:
 
 
 def run_all(folder: Path, names: Iterable[str], jobs: int) -> Iterator[str]:
-    """Run what is not there yet, ``jobs`` at a time; yields each name when its study is there, in
-    their order.
-    """
+    """Run missing studies, ``jobs`` at a time; yield each name when its study exists, in order."""
     names = tuple(names)
     with ThreadPoolExecutor(jobs) as pool:
         for name, _ in zip(names, pool.map(partial(study_in, folder), names), strict=True):
@@ -102,8 +100,8 @@ PAGE = Path("docs/papers.md")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Write the page and, beside it, its numbers as JSON; 2 with one line where the declaration or
-    a study is at fault.
+    """Write the page and, beside it, its numbers as JSON; return 2 with one line if the declaration
+    or a study is wrong.
     """
     parser = Parser("papers-page", "two papers, number by number")
     parser.add_argument(
@@ -143,8 +141,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def make(page: Path, folder: Path, jobs: int = 1) -> None:
-    """Run what ``folder`` lacks, then write the page and its numbers. Raises DeclarationError where
-    the declaration or a study is at fault.
+    """Run the studies that ``folder`` lacks, then write the page and its numbers. Raises
+    DeclarationError if the declaration or a study is wrong.
     """
     names = scenarios_of(paper_of(name) for name in PAPERS)
     for done, name in enumerate(run_all(folder, names, jobs), start=1):
@@ -155,6 +153,6 @@ def make(page: Path, folder: Path, jobs: int = 1) -> None:
 
 
 def written(numbers: Numbers) -> tuple[str, dict[str, Found]]:
-    """The page's text, and every number that it asked for."""
+    """Return the page's text, and every number that it needs."""
     kept: dict[str, Found] = {}
     return page_of([paper_of(name) for name in PAPERS], keeping(numbers, kept)), kept

@@ -41,15 +41,16 @@ LOOP = (
     "delay",
 )
 SAME = 1e-4  # relative: what units and the digits that are kept leave
-CLOSE = 2.0  # sigmas beyond which a row says why
+CLOSE = 2.0  # sigmas beyond which a row has a reason
 
 
 @dataclass(frozen=True)
 class Row:
     """One printed number beside ours.
 
-    ``true`` is empty and ``reference`` none where there is none, ``off`` too: how far both are from
-    the reference in their own sigmas. ``sigmas`` is None where the two are not compared in sigmas.
+    ``true`` is the true value (empty without one). ``reference`` is a further value of comparison,
+    and ``off`` has the distances of both numbers from it in their own sigmas; both are None without
+    one. ``sigmas`` is None if the two are not compared in sigmas.
     """
 
     name: str
@@ -79,7 +80,9 @@ def rows_of(paper: Paper, part: Part, group: Values, numbers: Numbers) -> list[R
 
 
 def _zero(group: Values, numbers: Numbers) -> Row:
-    """The row of what is zero in print and in ours. Raises DeclarationError where ours is not."""
+    """Return the row of quantities that are zero in print and in ours. Raises DeclarationError if
+    ours is not.
+    """
     others = [
         name
         for name in group.zero
@@ -119,7 +122,7 @@ def _row(
 
 
 def _reference(group: Values, name: str, sign: float, numbers: Numbers) -> Found | None:
-    """What both numbers are held against, None where the group or the quantity has nothing."""
+    """Return the value with which both numbers are compared; None without one."""
     if group.reference == "loop_equivalent":
         study = group.study.partition("/")[0]
         return (
@@ -135,7 +138,7 @@ def _reference(group: Values, name: str, sign: float, numbers: Numbers) -> Found
 
 
 def _shown(found: Found, group: Values, sign: float) -> Found:
-    """Ours in the paper's unit and sign."""
+    """Return our number in the paper's unit and sign."""
     factor = (
         float(to_si(1.0, found.unit or group.own_unit, group.unit, group.label, DeclarationError))
         if group.unit
@@ -163,8 +166,8 @@ def _plain(text: str) -> str:
 
 
 def _sigmas(printed: Printed, ours: Found) -> float:
-    """Ours minus the printed value over the root of both variances, of the one that is known where
-    one is; infinite where neither is.
+    """Return ours minus the printed value over the root of both variances, or of the known one;
+    infinite if neither is known.
     """
     value = float(printed.value)
     if printed.upper is not None:
@@ -200,7 +203,9 @@ def _difference(group: Values, printed: Printed, ours: Found, sigmas: float | No
 
 
 def _off(printed: Printed, ours: Found, reference: float) -> str:
-    """How far the printed value and ours are from the reference, each in its own sigmas."""
+    """Return the distances of the printed value and ours from the reference, each in its own
+    sigmas.
+    """
     theirs = (
         f"{(float(printed.value) - reference) / printed.std:+.1f}" if printed.std else "no sigma"
     )
@@ -212,7 +217,7 @@ def _off(printed: Printed, ours: Found, reference: float) -> str:
 
 
 def _true(part: Part, group: Values, name: str, numbers: Numbers, where: str) -> str:
-    """The printed true value, and the one that is flown where it is another."""
+    """Return the printed true value, and the one that is flown if it differs."""
     if not part.true:
         return ""
     if name not in part.true:
@@ -231,13 +236,13 @@ def _true(part: Part, group: Values, name: str, numbers: Numbers, where: str) ->
 
 
 def _near(ours: Found, reference: float) -> bool:
-    """Whether ours is within two of its sigmas of the reference."""
+    """Return whether ours is within two of its sigmas of the reference."""
     return bool(ours.std) and abs(ours.value - reference) <= CLOSE * (ours.std or 0.0)
 
 
 def _why(group: Values, name: str, sigmas: float | None, found: bool, where: str) -> str:
-    """The reason of a row; that the reference is ``found`` is one only where the numbers of the row
-    say so.
+    """Return the reason of a row; ``found`` is a reason only if the numbers of the row support
+    it.
     """
     reason = group.reasons.get(name, "")
     close = sigmas is not None and abs(sigmas) <= CLOSE
@@ -266,7 +271,7 @@ _COMPARED = {"<": operator.lt, ">": operator.gt}
 
 @dataclass(frozen=True)
 class Told:
-    """A statement with its numbers put in; ``figure`` is empty where it has none."""
+    """A statement with its numbers inserted; ``figure`` is empty without one."""
 
     place: str
     says: str
@@ -277,8 +282,8 @@ class Told:
 
 
 def told(statement: Statement, numbers: Numbers) -> Told:
-    """A statement with its numbers. Raises DeclarationError where a figure or number is missing, or
-    what is said no longer follows.
+    """Return a statement with its numbers. Raises DeclarationError if a figure or number is
+    missing, or the statement does not follow.
     """
     found = {name: combined(lookup, numbers) for name, lookup in statement.numbers.items()}
     if statement.figure:
@@ -310,7 +315,7 @@ def told(statement: Statement, numbers: Numbers) -> Told:
 
 
 def combined(lookup: str, numbers: Numbers) -> Found:
-    """A number, or two as ``A minus B`` or ``A over B``, which has no sigma."""
+    """Return a number, or two as ``A minus B`` or ``A over B``, which has no sigma."""
     for word, work in ((" minus ", operator.sub), (" over ", operator.truediv)):
         first, found, second = lookup.partition(word)
         if found:
@@ -368,7 +373,7 @@ class Cells:
 
     @property
     def worst(self) -> tuple[str, str]:
-        """The pair that differs most."""
+        """The pair with the largest difference."""
         return max(self.printed, key=lambda pair: abs(self.ours[pair] - self.printed[pair]))
 
     @property
@@ -384,8 +389,8 @@ class Cells:
 
 
 def cells_of(matrix: Matrix, turned: list[str], numbers: Numbers) -> Cells:
-    """Both matrices; ours with the signs of the paper. Raises DeclarationError where a row has too
-    many or too few entries.
+    """Return both matrices, ours with the signs of the paper. Raises DeclarationError if a row has
+    too many or too few entries.
     """
     printed: dict[tuple[str, str], float] = {}
     for at, (name, line) in enumerate(zip(matrix.names, [*matrix.upper, ""], strict=True)):

@@ -26,22 +26,21 @@ from sim.record import Record
 
 # ---- Output error over very many records together
 
-PASSES = 20  # simulations of all records
-REWEIGHED = 30  # times the noise variances follow the step
-SETTLED = 0.1  # of a white sigma, which small causes exceed several times
-SHARE = 0.03  # of a standard error
-ROUNDED = 1e-10  # share of a value
-CALM = 1e-9  # share of a variance
-# log likelihood that is promised where a step is refused, below which nothing more is looked for:
-# two white sigmas
+PASSES = 20  # most simulations of all records
+REWEIGHED = 30  # most updates of the noise variances for a step
+SETTLED = 0.1  # largest step of a converged fit, in white sigmas
+SHARE = 0.03  # largest step of a converged fit, in standard errors
+ROUNDED = 1e-10  # rounding, relative to a value
+CALM = 1e-9  # largest relative change of a variance that has converged
+# Predicted gain of log likelihood of a refused step, below which the fit ends: two white sigmas.
 KINK = 2.0
-LITTLE = 1e-2  # damping that shortens no step
+LITTLE = 1e-2  # damping that hardly shortens a step
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Unknowns: ``shared (n,)``, ``own (R, k)`` by record; ``states (nx, K + 1)`` a record from
-    which it is simulated.
+    """Values of the unknowns: ``shared (n,)`` and, for each record, ``own (R, k)``; and the
+    trajectories ``states (nx, K + 1)`` from which each record is simulated.
     """
 
     shared: np.ndarray
@@ -51,11 +50,11 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """What records say of a quadratic cost about a point, by output: ``J'J (R, m, c, c)``, ``J'r
-    (R, m, c)``, ``r'r (R, m)``, samples ``(R, m)``.
+    """Sums of a quadratic cost about a point, by record and output: ``J'J (R, m, c, c)``, ``J'r (R,
+    m, c)``, ``r'r (R, m)``, number of samples ``(R, m)``.
 
-    ``c`` counts the shared unknowns, then the record's own. ``smallest (m,)``: variance of what is
-    exact to rounding.
+    The c unknowns are the shared ones, then the record's own. ``smallest (m,)`` is the variance of
+    a residual that is exact to rounding.
     """
 
     information: np.ndarray
@@ -66,7 +65,7 @@ class Sums:
 
     @property
     def weight(self) -> np.ndarray:
-        """Samples over the sum of squares: one over each output's variance, ``(m,)``."""
+        """Return the inverse variance of each output, ``(m,)``: samples over their squares."""
         return self.counts.sum(axis=0) / self.floored(self.squares.sum(axis=0))
 
     @property
@@ -74,12 +73,12 @@ class Sums:
         return -0.5 * float(self.counts.sum(axis=0) @ np.log(self.weight))
 
     def floored(self, squares: np.ndarray) -> np.ndarray:
-        """Sums of squares, not below rounding, ``(m,)``."""
+        """Return the sums of squares, not below rounding, ``(m,)``."""
         return np.maximum(squares, self.smallest * self.counts.sum(axis=0))
 
     def moved(self, step: np.ndarray) -> Sums:
-        """The same about the point that lies ``step (R, c)`` further, where the cost is
-        quadratic.
+        """Return the sums about the point that lies ``step (R, c)`` further, for a quadratic
+        cost.
         """
         pressed = np.einsum("rmij,rj->rmi", self.information, step)
         squares = self.squares - np.einsum("rmi,ri->rm", 2.0 * self.slope - pressed, step)
@@ -95,7 +94,7 @@ class Sums:
 @dataclass(frozen=True, eq=False)
 class Joint:
     """A finished fit: ``names`` of the shared unknowns, the point, their ``covariance (n, n)`` by
-    `sandwich`, and whether it settled.
+    `sandwich`, and whether it converged.
     """
 
     names: tuple[str, ...]
@@ -112,10 +111,10 @@ def fit_together(
     step: float = 0.01,
 ) -> Joint:
     """Fit the shared parameters of a System to all records of all draws; biases and initial states
-    are each record's own.
+    are fitted for each record.
 
-    ``start`` : None begins at the System's values and each record's first samples; ``step`` : of
-    the integration, s.
+    ``start`` : None begins at the System's values and each record's first samples; ``step`` is the
+    integration step, s.
 
     Raises
     ------
@@ -146,7 +145,7 @@ def fit_together(
         least = np.maximum(
             np.maximum(SETTLED * sigma, SHARE * errors), ROUNDED * np.abs(point.shared)
         )
-        # A step below what could be told is taken without another simulation.
+        # A negligible step is taken without another simulation.
         if damping < LITTLE and np.all(np.abs(move[0, :n]) < least):
             return Joint(layout.shared, moved, covariance, True)
         trial = _summed(draws, system, settings, moved)
@@ -165,8 +164,8 @@ def fit_together(
 def minimised(
     sums: Sums, shared: np.ndarray, low: np.ndarray, high: np.ndarray, damping: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Step ``(R, c)`` to the least cost of the quadratic problem within the bounds of the shared,
-    and their white sigmas ``(n,)``.
+    """Return the step ``(R, c)`` to the least cost of the quadratic problem within the bounds of
+    the shared unknowns, and their white sigmas ``(n,)``.
     """
     n, weight = len(shared), sums.weight
     for _ in range(REWEIGHED):
@@ -187,10 +186,11 @@ def minimised(
 def eliminated(
     sums: Sums, weight: np.ndarray, n: int, damping: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Information ``(n, n)`` and gradient ``(n,)`` of the shared unknowns with each record's own at
-    their best.
+    """Return information ``(n, n)`` and gradient ``(n,)`` of the shared unknowns, with each
+    record's own unknowns at their best.
 
-    Also, by record, how these follow: ``own step = rest (R, k) - back (R, k, n) @ shared step``.
+    The own unknowns of a record follow from ``own step = rest (R, k) - back (R, k, n) @ shared
+    step``.
     """
     W, g = (
         np.einsum("m,rmij->rij", weight, sums.information),
@@ -207,12 +207,12 @@ def eliminated(
 
 
 def sandwich(sums: Sums, n: int, draw: np.ndarray) -> np.ndarray:
-    """Covariance ``(n, n)`` of the shared unknowns at the optimum, from the scatter of scores from
-    draw to draw.
+    """Return the covariance ``(n, n)`` of the shared unknowns at the optimum, from the scatter of
+    scores between draws.
 
-    Each output's variance is an estimate, too, and what a draw changes in it counts; White,
-    Econometrica 50 (1982), for the cost with own unknowns and variances at their best. ``draw
-    (R,)`` numbers each record's draw from 0.
+    Variances of the outputs are estimates, too, and their changes by a draw are included (White,
+    Econometrica 50, 1982, for the cost with own unknowns and variances at their best). ``draw
+    (R,)`` has the number of each record's draw, from 0.
     """
     weight, counts = sums.weight, sums.counts.sum(axis=0)
     information, _, back, _ = eliminated(sums, weight, n)
@@ -246,8 +246,8 @@ def sandwich(sums: Sums, n: int, draw: np.ndarray) -> np.ndarray:
 def _summed(
     draws: Sequence[Sequence[Record]], system: System, settings: FitSettings, point: Point
 ) -> tuple[Point, Sums] | None:
-    """Simulate and sum up draw by draw, whose sensitivities are then let go; None where a cost is
-    not finite.
+    """Simulate and sum draw by draw, so that sensitivities of one draw are in memory at a time;
+    return None if a cost is not finite.
     """
     information, slope, squares, counts, states, smallest, first = [], [], [], [], [], [], 0
     for records in draws:
@@ -280,8 +280,8 @@ def _summed(
 
 
 def _at_rest(layouts: Sequence[FitLayout]) -> Point:
-    """A start for records that begin at rest: what a channel first shows is its bias, and its state
-    begins at none.
+    """Return a start for records that begin at rest: the first reading of a channel is its bias,
+    and its state begins at zero.
     """
     own, states = [], []
     for layout in layouts:
@@ -304,8 +304,8 @@ def _at_rest(layouts: Sequence[FitLayout]) -> Point:
 # ---- Pseudo-true values
 
 SPEED = ("airspeed", "dynamic_pressure")
-FEW = 2  # draws that a fit to many begins with
-FOLD = 10  # as many again in the next one
+FEW = 2  # number of draws in the first fit
+FOLD = 10  # ratio of the numbers of draws of two successive fits
 
 # Of random forcing, isolated samples and what belongs to one record, nothing carries over to other
 # flights.
@@ -323,7 +323,7 @@ class PseudoTrue:
     nominal: Mapping[str, float]
 
     def bias(self, name: str) -> float:
-        """Pseudo-true minus nominal, as a share of the nominal value."""
+        """Pseudo-true minus nominal value, relative to the nominal value."""
         return (self.values[name] - self.nominal[name]) / abs(self.nominal[name])
 
 
@@ -335,11 +335,11 @@ def pseudo_true(
     count: int | None = None,
     starts: Mapping[str, float] | None = None,
 ) -> PseudoTrue:
-    """The declared model with effects, fitted to many flights of the same plan together.
+    """Fit the declared model with effects to many flights of the same plan together.
 
-    Each draw has its own gusts, thrust, masses, trims and noise of the surfaces' records, and no
-    sensor noise. Parameters are shared by all records of all draws, biases and initial states are
-    each record's own; standard errors are those of the scores' scatter over draws.
+    Each draw has its own gusts, thrust, masses, trims and noise of the recorded surfaces, and no
+    sensor noise. Parameters are shared by all records of all draws; biases and initial states are
+    fitted for each record. Standard errors follow from the scatter of the scores between draws.
 
     Parameters
     ----------
@@ -386,10 +386,10 @@ def pseudo_true(
 
 
 def has_limit(drawn: Drawn, claimed: Iterable[str]) -> bool:
-    """Whether what was claimed can be fitted to many flights: not where random forcing or what
-    belongs to one record was fitted, too.
+    """Return whether the claimed effects can be fitted to many flights.
 
-    Without it the same derivatives tend to other values. Isolated samples only set samples aside.
+    They cannot if random forcing, or an effect that belongs to one record, was fitted as well;
+    without it the derivatives have other limits. Isolated samples are only masked.
     """
     for name in claimed:
         effect = find_effect(name, drawn.declared.equations)
@@ -401,8 +401,8 @@ def has_limit(drawn: Drawn, claimed: Iterable[str]) -> bool:
 
 
 def _carried(point: Point, draws: int, records: int) -> Point:
-    """A start for many draws: in each the biases, initial states and trajectories of the first
-    one's ``records``, whose maneuvers they share.
+    """Return a start for many draws: each has the biases, initial states and trajectories of the
+    first one's ``records``, whose maneuvers they share.
     """
     return Point(
         point.shared, np.tile(point.own[:records], (draws, 1)), point.states[:records] * draws

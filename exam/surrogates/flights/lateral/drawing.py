@@ -38,13 +38,13 @@ OWN_PARAMETERS: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class LateralFlight:
-    """The lateral equations with an airspeed that drifts, the sine of the bank, a fin that feels
-    the sidewash late, and curved loads.
+    """The lateral equations with a drifting airspeed, the sine of the bank angle, a fin in the
+    delayed sidewash, and nonlinear loads.
 
     V_dot = thrust, beta_dot += ``gravity`` (g/V) cos(theta0) (sin(phi) - phi), Cn += ``wash`` (beta
     - washed) + ``yaw_cube`` beta^3, washed_dot = (beta - washed)/``wash_lag``, CY += ``side_cube``
-    beta^3; beta that of the air. Side wind and thrust are inputs that no record holds. With all of
-    the own parameters zero but the lag, nothing but `Lateral` is left in its outputs, bit for bit.
+    beta^3; beta includes the gust. Side wind and thrust are inputs that no record has. With all
+    added parameters zero except the lag, the outputs are those of `Lateral` bit for bit.
     """
 
     name: str = "lateral"
@@ -93,7 +93,7 @@ def _sine(angle: Any) -> Any:
 
 # An aileron rolls faster than a rudder yaws: shorter steps, smaller deflections.
 ROLL_UNIT, ROLL_AMPLITUDE = 0.6, 0.6
-SECOND = 0.5  # of the record, when the second control begins
+SECOND = 0.5  # begin of the second control, as a share of the record
 Pair = Callable[[np.random.Generator, float, float, float], tuple[Maneuver, Maneuver]]
 
 
@@ -105,10 +105,10 @@ def maneuver_pair(
     duration: float,
     surface: float,
 ) -> dict[str, Table]:
-    """Rudder and aileron as their servos carry them out.
+    """Return rudder and aileron behind their servos.
 
-    ``amplitude`` of the rudder, rad; ``unit`` the step of a 3-2-1-1 that suits the Dutch roll, s;
-    ``surface`` the servos' frequency, rad/s.
+    ``amplitude`` is that of the rudder, rad; ``unit`` is the step of a 3-2-1-1 that suits the Dutch
+    roll, s; ``surface`` is the servos' frequency, rad/s.
     """
     rudder, aileron = PAIRS[kind](rng, amplitude, unit, duration)
     return {
@@ -118,7 +118,7 @@ def maneuver_pair(
 
 
 def _in_turn(first: str, second: str) -> Pair:
-    """Rudder and aileron in either order, the second in the second half."""
+    """Rudder and aileron in random order, the second one in the second half."""
 
     def pair(
         rng: np.random.Generator, amplitude: float, unit: float, duration: float
@@ -136,7 +136,7 @@ def _in_turn(first: str, second: str) -> Pair:
 def _multisines(
     rng: np.random.Generator, amplitude: float, unit: float, duration: float
 ) -> tuple[Maneuver, Maneuver]:
-    """Both at once, with harmonics of their own."""
+    """Both at once, with different harmonics."""
     period = math.floor(duration) - 3.0
     highest = max(7, round(period * rng.uniform(0.5, 0.8) / unit))
     rudder = schroeder_multisine(0.4 * amplitude, period, range(2, highest, 2), 1.0)
@@ -239,11 +239,13 @@ LATERAL_KINDS: Mapping[str, Kind] = {
 # ---- What a lateral surrogate flight's seed decides, as `flights.drawing` for the longitudinal
 
 CONDITION = ("airspeed", "air_density", "trim_alpha", "trim_theta", "cross_inertia")
-UNITS = (0.3, 1.5)  # s, of a 3-2-1-1
+UNITS = (0.3, 1.5)  # s, steps of a 3-2-1-1
 
 
 def draw_lateral(surrogate: Surrogate, rng: np.random.Generator) -> Drawn:
-    """A lateral flight without what dominates; the same generator state gives the same flight."""
+    """Draw a lateral flight without dominant effects; the same generator state gives the same
+    flight.
+    """
     flight = surrogate.flight
     name = str(rng.choice(flight.vehicles))
     declared = drawn_lateral_vehicle(name, flight.variation, rng)
@@ -285,8 +287,8 @@ def draw_lateral(surrogate: Surrogate, rng: np.random.Generator) -> Drawn:
 
 
 def drawn_lateral_vehicle(name: str, variation: float, rng: np.random.Generator) -> Model:
-    """A named aircraft whose every number is off by up to ``variation``, drawn evenly: constants by
-    half of it, but not the flight condition.
+    """Draw a named aircraft whose derivatives differ by up to ``variation``, drawn uniformly.
+    Constants differ by half of it, the flight condition does not.
     """
     known = read_parameter_set(name).values
     constants, derivatives = {}, {}
@@ -300,7 +302,7 @@ def drawn_lateral_vehicle(name: str, variation: float, rng: np.random.Generator)
 
 
 def dutch_roll(declared: Model) -> float:
-    """Frequency of the Dutch roll, rad/s: the largest of the oscillating roots."""
+    """Return the frequency of the Dutch roll, rad/s: the largest of the oscillating roots."""
     roots = np.linalg.eigvals(linearise(declared).A)
     oscillating = np.abs(roots[np.abs(roots.imag) > 1e-6])
     return float(max(oscillating, default=1.0))
@@ -313,14 +315,16 @@ def _with_causes(
     corners: Mapping[str, float],
     rng: np.random.Generator,
 ) -> Model:
-    """Small causes that stay for the flight; draws are made for those that are off, too, so that
-    levels do not move each other's draws.
+    """Return the flight with the small causes that are the same in all records.
+
+    Random numbers are drawn for causes that are off, too, so that levels do not influence each
+    other's draws.
     """
     v = {item.name: item.value for item in declared.parameters}
     frequency, bent = rng.uniform(20.0, 32.0), rng.uniform(0.3, 1.0, 2)
     own = {
         "gravity": causes.gravity,
-        # A fin that sees the sidewash late damps as part of Cn_r does: beta_dot is next to -r.
+        # A fin in the delayed sidewash damps like a part of Cn_r, because beta_dot is close to -r.
         "wash": -causes.downwash
         * v["Cn_r"]
         * v["span"]

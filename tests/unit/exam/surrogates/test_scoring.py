@@ -27,11 +27,12 @@ from exam.surrogates.campaign import (
     surrogate_flights,
     worsened,
 )
-from exam.surrogates.declaration import CATALOG, Causes, load_surrogate
+from exam.surrogates.declaration import Causes
 from exam.surrogates.flights.drawing import Dominant, draw, hiding
 from exam.surrogates.flights.flight import Flight
 from exam.surrogates.flights.flying import fly_drawn
 from exam.surrogates.report import campaign_page, surrogate_text
+from exam.surrogates.schema import CATALOG, load_surrogate
 from exam.surrogates.study import Naming, SurrogateStudy, acts, naming, scored
 from ident.tracing.diagnosis import Claim, Prediction, Quantity, Verdict
 from scenarios.diagnosis.diagnose import Tracing
