@@ -35,8 +35,8 @@ class AntiAliasFilter:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"corner": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
-        "The recorder's filter cuts what its sampling could not show. What is left comes late, by "
-        "as much in every channel."
+        "The filter of the recorder removes frequencies that its sampling cannot show. The "
+        "remaining signal is late, by the same time in every channel."
     )
 
     @property

@@ -28,7 +28,7 @@ SIGMA: Mapping[str, float] = {
 }
 """Standard deviations of the sensors' noise, before filters, in SI units and g."""
 BEFORE_FILTER = 0.5  # share of the noise power that passes the anti-alias filter
-STEPS_PER_SIGMA = 4.0  # least bits of the recorder in a standard deviation
+STEPS_PER_SIGMA = 4.0  # quantisation steps in a standard deviation of the noise
 
 
 @dataclass(frozen=True)
@@ -49,10 +49,10 @@ class Planted:
     Parameters
     ----------
     kind : the cause in words.
-    right : effect names that say it; empty where no effect of the library does.
-    near : names that the same record bears nearly as well. A claim of one is right where a name of
-        ``right`` is among its alternatives; of a cause outside the library it is not wrong.
-    words : columns or words by which a warning notices the cause.
+    right : effect names that are right; empty if the library has no effect for it.
+    near : names that fit the record nearly as well. A claim of one is right if a name of ``right``
+        is among its alternatives; for a cause outside the library it is not wrong.
+    words : columns or words by which a warning identifies the cause.
     values : true values by effect name and parameter, SI.
     """
 
@@ -96,7 +96,8 @@ def recorded(
         if how.cutoff is None:
             noise = sigma * rng.standard_normal(len(clean))
         else:
-            # White at the recorder's own rate, so that its level does not hang on the fine grid.
+            # White at the recorder's sample rate, so that its level does not depend on the fine
+            # grid.
             early = np.repeat(rng.standard_normal(len(clean)), stride)[: len(values)]
             early = filtered(early, step, how.cutoff)[::stride] * np.sqrt(BEFORE_FILTER)
             late = rng.standard_normal(len(clean)) * np.sqrt(1.0 - BEFORE_FILTER)
@@ -108,7 +109,7 @@ def recorded(
 
 
 def write_record(path: Path, time: np.ndarray, columns: Signals) -> None:
-    """A CSV file with units in its header."""
+    """Write a CSV file with units in its header."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["time [s]", *(f"{name} [{UNITS[name]}]" for name in columns)])
@@ -120,8 +121,8 @@ def wrong_starts(derivatives: Mapping[str, float], rng: np.random.Generator) -> 
     """Draw derivatives with an error of 10 to 30 % of either sign."""
     share = rng.uniform(0.1, 0.3, len(derivatives)) * rng.choice([-1.0, 1.0], len(derivatives))
     return {
-        name: value * (1.0 + float(off))
-        for (name, value), off in zip(derivatives.items(), share, strict=True)
+        name: value * (1.0 + float(error))
+        for (name, value), error in zip(derivatives.items(), share, strict=True)
     }
 
 

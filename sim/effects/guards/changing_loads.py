@@ -42,7 +42,7 @@ class DampingCurve(SizedOnPorts, WithoutStates, ProbedAtAbsence):
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
     explanation: ClassVar[str] = (
-        "A generic term. Damping increases with the size of the rate: CL += lift q |q| and Cm "
+        "A generic term: damping increases with the size of the rate: CL += lift q |q| and Cm "
         f"+= moment q |q|, with non-dimensional q; for roll and yaw likewise. {NO_CAUSE}"
     )
 
@@ -98,7 +98,7 @@ class DriftingDerivatives(WithoutStates, ProbedAtAbsence):
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     traits: ClassVar[Traits] = Traits(per_record=True, guard=True)
     explanation: ClassVar[str] = (
-        "A generic term. Stability, control power and lift slope change steadily with time, "
+        "A generic term: stability, control power and lift slope change steadily with time, "
         "each at its own rate: Cm += (t - begin) (stability alpha + control d), CL += (t - "
         f"begin) slope alpha. Causes are fuel that moves or ice that grows. {NO_CAUSE}"
     )
@@ -155,7 +155,7 @@ class ControlDrag(WithoutStates, ProbedAtAbsence):
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"drag": 0.0})
     traits: ClassVar[Traits] = Traits(guard=True)
     explanation: ClassVar[str] = (
-        "A generic term. Drag increases with the elevator: CD += drag elevator. The "
+        "A generic term: drag increases with the elevator: CD += drag elevator. The "
         f"longitudinal equations have no drag of the controls. {NO_CAUSE}"
     )
 
@@ -185,7 +185,7 @@ class DragDrift(WithoutStates, ProbedAtAbsence):
     aliases: ClassVar[tuple[str, ...]] = ("density-scale-height", "drag-mach")
     traits: ClassVar[Traits] = Traits(guard=True)
     explanation: ClassVar[str] = (
-        "A generic term. The drag of a falling body changes steadily with time: drag = "
+        "A generic term: the drag of a falling body changes steadily with time: drag = "
         f"exp(rate (t - begin)) * 0.5 rho v^2 / beta. {NO_CAUSE}"
     )
 
@@ -232,7 +232,7 @@ class Hysteresis(SizedOnPorts):
     )
     traits: ClassVar[Traits] = Traits(guard=True)
     explanation: ClassVar[str] = (
-        "A generic term. Lift and moment depend on the direction of the last rotation, at any "
+        "A generic term: lift and moment depend on the direction of the last rotation, at any "
         "speed of rotation: CL += lift memory, Cm += moment memory, with a memory from -1 to "
         "1. Causes are friction, flow that reattaches later than it separated, or a load that "
         f"slides. {NO_CAUSE}"

@@ -27,7 +27,7 @@ from sim.effects.instances import (
 from sim.effects.loads import LOADS, NO_CAUSE, SizedOnPorts, at_arm, in_words, load_parameters
 from sim.maths import cos, once_for_alike
 
-LAGS = (0.05, 0.15, 0.5, 1.5)  # s, trial values about the period of the short period
+LAGS = (0.05, 0.15, 0.5, 1.5)  # s, trial values, below and above usual short-period times
 # Effects on an input that make the loads late as well.
 LOOKS_LATE = ("actuator-lag", "input-delay")
 
@@ -87,7 +87,7 @@ class LaggedLoads(SizedOnPorts):
     def explanation(self) -> str:
         several = len(self.ports) > 1
         return (
-            f"A generic term. {in_words(self.ports).capitalize()} "
+            f"A generic term: {in_words(self.ports)} "
             f"follow{'' if several else 's'} {self.flown} with a lag: the port {self.ports[-1]} += "
             f"size ({self.flown} - late) with late_dot = ({self.flown} - late)/lag"
             f"{', the other port likewise' if several else ''}. {NO_CAUSE}"
@@ -111,12 +111,10 @@ class LaggedLoads(SizedOnPorts):
 
     def fitted_to(self, context: SearchContext) -> LaggedLoads:
         """Return the effect; total values are counted from the middle of the record's range."""
-        recorded_range = context.flown_range(self.flown)
-        return (
-            replace(self, middle=0.5 * (recorded_range[0] + recorded_range[1]))
-            if self.total and recorded_range
-            else self
-        )
+        recorded = context.flown_range(self.flown)
+        if not self.total or recorded is None:
+            return self
+        return replace(self, middle=0.5 * (recorded[0] + recorded[1]))
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Probe all loads at some lags."""
@@ -154,14 +152,8 @@ def lagged_made_for(equations: Equations) -> tuple[Traceable, ...]:
     """
     if not isinstance(equations, OwnEquations):
         return ()
-    looks = (
-        tuple(
-            name
-            for signal, label in further_inputs(equations)
-            for name in all_labelled(LOOKS_LATE, label)
-        )
-        or LOOKS_LATE
-    )
+    labels = [label for _, label in further_inputs(equations)]
+    aliases = tuple(name for label in labels for name in all_labelled(LOOKS_LATE, label))
     ports, candidates = ports_without(LAGGED_LOADS, equations), list[Traceable]()
     multiplied = {(port, signal) for port, signal, _ in equations.products}
     for state in equations.states:
@@ -170,7 +162,13 @@ def lagged_made_for(equations: Equations) -> tuple[Traceable, ...]:
             units = tuple(per_unit(port.unit, state.unit) for port in loaded)
             names = tuple(port.name for port in loaded)
             lagged = LaggedLoads(
-                units, (1.0,) * len(loaded), (), names, state.name, looks, total=True
+                units,
+                (1.0,) * len(loaded),
+                (),
+                names,
+                state.name,
+                aliases or LOOKS_LATE,
+                total=True,
             )
             candidates.append(
                 replace(lagged, flown=state.name, counted_in=state.unit, of=state.name)
@@ -221,7 +219,7 @@ class PeriodicLoads(WithoutStates):
     def explanation(self) -> str:
         port = self.ports[-1]
         return (
-            f"A generic term. {in_words(self.ports).capitalize()} "
+            f"A generic term: {in_words(self.ports)} "
             f"oscillate{'' if len(self.ports) > 1 else 's'} at one frequency throughout the "
             f"record, independently of controls and motion: {port.replace('_', ' ')} += {port}_cos "
             f"cos(w t) + {port}_sin sin(w t). {NO_CAUSE}"
@@ -339,7 +337,7 @@ class ProductLoads(SizedOnPorts, WithoutStates, ProbedAtAbsence):
     @property
     def explanation(self) -> str:
         return (
-            f"A generic term. {in_words(self.ports).capitalize()} "
+            f"A generic term: {in_words(self.ports)} "
             f"increase{'' if len(self.ports) > 1 else 's'} with the product of two signals: the "
             f"port {self.ports[-1]} += size {self.first} * {self.second}. {NO_CAUSE}"
         )
@@ -483,7 +481,7 @@ class VaneBehind(ProbedAtAbsence):
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
-        "A generic term. The angle of attack is read too early: alpha_m = alpha + (arm/V) q. "
+        "A generic term: the angle of attack is read too early: alpha_m = alpha + (arm/V) q. "
         "Causes are a vane behind the centre of gravity, or a correction for a nose boom that does "
         "not exist. An accelerometer ahead of the centre of gravity gives the same record with "
         "other derivatives. If the declared derivatives favour this reading, no cause of the "

@@ -41,7 +41,7 @@ class VaneNearControl(ProbedAtAbsence):
     @property
     def explanation(self) -> str:
         return (
-            f"A generic term. A share of the {self.control} adds to the reading of {self.channel}: "
+            f"A generic term: a share of the {self.control} adds to the reading of {self.channel}: "
             f"{self.channel}_m = {self.channel} + gain {self.control}. The cause is a vane in the "
             f"flow that a control surface turns. {NO_CAUSE}"
         )
