@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,11 +14,11 @@ from exam.repeated import FlownCampaign, LoopFlights
 from exam.scores.rates import Scores, hidden_label
 from exam.scores.report import (
     SHARED,
-    drawn_scores,
     scores_blocks,
-    scores_content,
     scores_sections,
     share_cells,
+    share_content,
+    write_campaign_folder,
 )
 from exam.scores.scored_flight import (
     ScoredFlight,
@@ -34,11 +32,8 @@ from exam.scores.scored_flight import (
 )
 from exam.scoring import Share, same_fault, share_of_flights, share_within_flights
 from ident.tracing.diagnosis import Claim, Verdict
-from scenarios.files.sources import versions
-from scenarios.files.writing import study_folder, write_json
 from scenarios.report.document import Cell, Column, Page, as_sentence, capital, now, section
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
-from scenarios.report.folder import write_page
 from scenarios.report.summary import WIDTH
 from scenarios.report.terminal import rows_table, table_as_lines
 from scenarios.studies.catalogue import load_document
@@ -280,50 +275,41 @@ def write_trace_campaign(
     them, and ``campaign.json`` (last).
     """
     judged: Sequence[TraceJudged] = done.found
-    scores = scores_of(judged)
-    with study_folder(out, "campaign.json") as scratch:
-        text = io.StringIO(newline="")
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["seed", "verdict", "grade", "said", "hidden", "named", "false_claims"])
-        for flight in judged:
-            lists = (
-                flight.claimed,
-                [name for name, _ in flight.named],
-                [name for name, hit in flight.named if hit],
-                flight.false,
-            )
-            writer.writerow(
-                [
-                    flight.seed,
-                    flight.verdict,
-                    flight.grade.name.lower(),
-                    *(" + ".join(names) for names in lists),
-                ]
-            )
-        (scratch / "flights.csv").write_text(text.getvalue(), encoding="utf-8", newline="\n")
-        shares = {
-            **{f"verdict.{name}": share for name, share in verdict_shares(judged).items()},
-            **trace_shares(judged),
-        }
-        content = {
-            "schema": "flightid/campaign/1",
-            "scenario": scenario.name,
-            **done.content,
-            "expected": {
-                "verdicts": list(scenario.expect.verdicts),
-                "effects": [list(names) for names in scenario.expect.effects],
-            },
-            "shares": {
-                key: {"count": share.count, "of": share.of, "interval": list(share.interval)}
-                for key, share in shares.items()
-                if share.of
-            },
-            "marks": scores_content(scores),
-            "versions": versions(),
-        }
-        write_page(scratch, paged(drawn_scores(scores, scenario.name, scratch, figures)))
-        write_json(scratch / "campaign.json", content)
-    return Path(out)
+    rows = [
+        [
+            flight.seed,
+            flight.verdict,
+            flight.grade.name.lower(),
+            *map(
+                " + ".join,
+                (
+                    flight.claimed,
+                    [name for name, _ in flight.named],
+                    [name for name, hit in flight.named if hit],
+                    flight.false,
+                ),
+            ),
+        ]
+        for flight in judged
+    ]
+    shares = {
+        **{f"verdict.{name}": share for name, share in verdict_shares(judged).items()},
+        **trace_shares(judged),
+    }
+    content = {
+        "schema": "flightid/campaign/1",
+        "scenario": scenario.name,
+        **done.content,
+        "expected": {
+            "verdicts": list(scenario.expect.verdicts),
+            "effects": [list(names) for names in scenario.expect.effects],
+        },
+        "shares": {key: share_content(share) for key, share in shares.items() if share.of},
+    }
+    columns = ("seed", "verdict", "grade", "said", "hidden", "named", "false_claims")
+    return write_campaign_folder(
+        out, scenario.name, scores_of(judged), columns, rows, content, paged, figures
+    )
 
 
 # ---- The page of a campaign of a hidden-effect scenario

@@ -4,12 +4,11 @@ flights again.
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,21 +18,18 @@ from exam.options import exam_reproduction
 from exam.repeated import FlownCampaign
 from exam.scores.rates import NOTHING, Scores, false_share, right_share
 from exam.scores.report import (
-    drawn_scores,
     score_cells,
     scores_blocks,
-    scores_content,
     scores_sections,
+    write_campaign_folder,
 )
 from exam.scores.scored_flight import ScoredFlight
 from scenarios.diagnosis.diagnose import Tracing, diagnose_files
 from scenarios.diagnosis.report.files import write_diagnosis
 from scenarios.diagnosis.report.text import diagnosis_text
-from scenarios.files.sources import versions
-from scenarios.files.writing import study_folder, write_json, write_text
+from scenarios.files.writing import study_folder, write_json
 from scenarios.report.document import Page, Prose, as_sentence, now, section
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
-from scenarios.report.folder import write_page
 from scenarios.report.summary import WIDTH
 from scenarios.tasks.work import Task, seed_of
 
@@ -110,31 +106,17 @@ def write_every_effect(
     ``runs`` : number of flights of each of the ``effects``, None for all of the library.
     """
     scores = scores_of(done.found)
-    with study_folder(out, "campaign.json") as scratch:
-        text = io.StringIO(newline="")
-        writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(cells_of(flight) for flight in done.found)
-        write_text(scratch / "flights.csv", text.getvalue())
-        content = {
-            "schema": SCHEMA,
-            "scenario": NAME,
-            **done.content,
-            "runs": runs,
-            "flights": done.ended,
-            **({"effects": list(effects)} if effects else {}),
-        }
-        write_page(
-            scratch,
-            every_effect_page(
-                done, scores, runs, effects, drawn_scores(scores, NAME, scratch, figures)
-            ),
-        )
-        write_json(
-            scratch / "campaign.json",
-            {**content, "marks": scores_content(scores), "versions": versions()},
-        )
-    return Path(out)
+    content = {
+        "schema": SCHEMA,
+        "scenario": NAME,
+        **done.content,
+        "runs": runs,
+        "flights": done.ended,
+        **({"effects": list(effects)} if effects else {}),
+    }
+    rows = [tuple(cells_of(flight).values()) for flight in done.found]
+    paged = partial(every_effect_page, done, scores, runs, effects)
+    return write_campaign_folder(out, NAME, scores, COLUMNS, rows, content, paged, figures)
 
 
 # ---- The page of the campaign of every effect

@@ -4,8 +4,10 @@ and on its page.
 
 from __future__ import annotations
 
+import csv
+import io
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -23,12 +25,15 @@ from exam.scores.rates import (
 )
 from exam.scores.scored_flight import ScoredFlight, Standing
 from exam.scoring import Share
+from scenarios.files.sources import versions
+from scenarios.files.writing import study_folder, write_json, write_text
 from scenarios.report.document import (
     MISSING,
     PURE,
     Cell,
     Column,
     Number,
+    Page,
     Prose,
     Section,
     as_sentence,
@@ -38,7 +43,7 @@ from scenarios.report.document import (
     section,
 )
 from scenarios.report.figure_formats import Drawn, Formats
-from scenarios.report.folder import figures
+from scenarios.report.folder import figures, write_page
 from scenarios.report.summary import WIDTH, wrapped
 from scenarios.report.terminal import rows_table, table_as_lines
 
@@ -360,3 +365,31 @@ def scores_sections(scores: Scores, drawn: Sequence[Drawn] = ()) -> tuple[Sectio
             else None,
         ),
     )
+
+
+def write_campaign_folder(
+    out: str | Path,
+    name: str,
+    scores: Scores,
+    columns: Sequence[str],
+    rows: Iterable[Sequence[Any]],
+    content: Mapping[str, Any],
+    paged: Callable[[Sequence[Drawn]], Page],
+    formats: Formats,
+) -> Path:
+    """Write the folder of a campaign and return it.
+
+    It has ``flights.csv`` with ``columns`` and ``rows``, the figures, the page that ``paged`` makes
+    with them, and ``campaign.json`` (last) with ``content``, scores and versions.
+    """
+    with study_folder(out, "campaign.json") as scratch:
+        text = io.StringIO(newline="")
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerows([columns, *rows])
+        write_text(scratch / "flights.csv", text.getvalue())
+        write_page(scratch, paged(drawn_scores(scores, name, scratch, formats)))
+        write_json(
+            scratch / "campaign.json",
+            {**content, "marks": scores_content(scores), "versions": versions()},
+        )
+    return Path(out)

@@ -4,8 +4,6 @@ files.
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -15,7 +13,13 @@ import numpy as np
 
 from exam.repeated import FlownCampaign, LoopFlights
 from exam.scores.rates import Scores, hidden_label
-from exam.scores.report import SHARED, drawn_scores, scores_blocks, scores_content, share_cells
+from exam.scores.report import (
+    SHARED,
+    scores_blocks,
+    share_cells,
+    share_content,
+    write_campaign_folder,
+)
 from exam.scores.scored_flight import (
     ScoredFlight,
     claims_of,
@@ -31,11 +35,8 @@ from exam.surrogates.pseudo_true import PseudoTrue, has_limit, pseudo_true
 from exam.surrogates.study import Naming, Progress, SurrogateStudy, acts, run_surrogate
 from ident.tracing.diagnosis import Claim, Quantity
 from scenarios.diagnosis.report.content import bounded
-from scenarios.files.sources import versions
-from scenarios.files.writing import study_folder, write_json
 from scenarios.report.document import PURE, Cell, Column, Number, Page, counted
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
-from scenarios.report.folder import write_page
 from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines
 from scenarios.report.terminal import cell_text, rows_table, table_as_lines
 from scenarios.studies.campaign import plain
@@ -363,55 +364,47 @@ def write_campaign(
     them, and ``campaign.json`` (last).
     """
     judged: Sequence[Judged] = done.found
-    scores = scores_of(judged)
-    with study_folder(out, "campaign.json") as scratch:
-        text = io.StringIO(newline="")
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(
-            ["seed", "verdict", "hidden", "named", "said", "false_claims", "small_claims", "worse"]
-        )
-        for flight in judged:
-            lists = (
-                [name for name, _ in flight.named],
-                [each.name.lower() for _, each in flight.named],
-                flight.claimed,
-                flight.false,
-                flight.small,
-            )
-            writer.writerow(
-                [
-                    flight.seed,
-                    flight.verdict,
-                    *(" + ".join(names) for names in lists),
-                    int(flight.worse),
-                ]
-            )
-        (scratch / "flights.csv").write_text(text.getvalue(), encoding="utf-8", newline="\n")
-        found = {
-            key: {"count": share.count, "of": share.of, "interval": list(share.interval)}
-            for key, share in shares(judged).items()
-        }
-        content = {
-            "schema": "flightid/campaign/1",
-            "scenario": surrogate.name,
-            **done.content,
-            "shares": found,
-            "effects": {
-                name: {"flights": n, "alone": alone, "group": grouped}
-                for name, (n, alone, grouped) in by_effect(judged).items()
-            },
-            "derivatives": {
-                name: {
-                    "within_two_sigma": inside.count,
-                    "of": inside.of,
-                    "bias": bounded(middle),
-                    "bias_size": bounded(size),
-                }
-                for name, (inside, middle, size) in by_derivative(judged).items()
-            },
-            "marks": scores_content(scores),
-            "versions": versions(),
-        }
-        write_page(scratch, paged(drawn_scores(scores, surrogate.name, scratch, figures)))
-        write_json(scratch / "campaign.json", content)
-    return Path(out)
+    rows = [
+        [
+            flight.seed,
+            flight.verdict,
+            *map(
+                " + ".join,
+                (
+                    [name for name, _ in flight.named],
+                    [each.name.lower() for _, each in flight.named],
+                    flight.claimed,
+                    flight.false,
+                    flight.small,
+                ),
+            ),
+            int(flight.worse),
+        ]
+        for flight in judged
+    ]
+    content = {
+        "schema": "flightid/campaign/1",
+        "scenario": surrogate.name,
+        **done.content,
+        "shares": {key: share_content(share) for key, share in shares(judged).items()},
+        "effects": {
+            name: {"flights": n, "alone": alone, "group": grouped}
+            for name, (n, alone, grouped) in by_effect(judged).items()
+        },
+        "derivatives": {
+            name: {
+                "within_two_sigma": inside.count,
+                "of": inside.of,
+                "bias": bounded(middle),
+                "bias_size": bounded(size),
+            }
+            for name, (inside, middle, size) in by_derivative(judged).items()
+        },
+    }
+    columns = (
+        *("seed", "verdict", "hidden", "named"),
+        *("said", "false_claims", "small_claims", "worse"),
+    )
+    return write_campaign_folder(
+        out, surrogate.name, scores_of(judged), columns, rows, content, paged, figures
+    )

@@ -54,6 +54,37 @@ def at_arm(s: Any, vehicle: Any, arm: Any, rate: str, speed: str) -> Any:
     return arm / V * getattr(s, rate)
 
 
+class DisplacedVane(ProbedAtAbsence):
+    """Base of vanes at a distance ``arm`` from the centre of gravity, in m, which is not negative.
+
+    A subclass has the fields ``channel``, ``rate`` (angular rate in the plane of the vane),
+    ``sign`` of the contribution of the rate, and ``speed`` (name of the constant that is the
+    airspeed, for equations without a varying airspeed).
+    """
+
+    channel: str
+    rate: str
+    sign: float
+    speed: str
+
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("arm", 5.0, "m", bounds=(0.0, 100.0)),)
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
+
+    @property
+    def needs_constants(self) -> tuple[str, ...]:
+        return (self.speed,)
+
+    @property
+    def states_read(self) -> tuple[str, ...]:
+        return (self.rate,)
+
+    def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
+        added = at_arm(s, vehicle, self.sign * p.arm, self.rate, self.speed)
+        return {self.channel: y[self.channel] + added}
+
+
 # ---- Added loads: parameters named after the ports they add to
 
 LOADS = ("lift", "moment")

@@ -24,7 +24,14 @@ from sim.effects.instances import (
     per_unit,
     ports_without,
 )
-from sim.effects.loads import LOADS, NO_CAUSE, SizedOnPorts, at_arm, in_words, load_parameters
+from sim.effects.loads import (
+    LOADS,
+    NO_CAUSE,
+    DisplacedVane,
+    SizedOnPorts,
+    in_words,
+    load_parameters,
+)
 from sim.maths import cos, once_for_alike
 
 LAGS = (0.05, 0.15, 0.5, 1.5)  # s, trial values, below and above usual short-period times
@@ -452,7 +459,7 @@ def products_made_for(equations: Equations) -> tuple[Traceable, ...]:
 
 
 @dataclass(frozen=True)
-class VaneBehind(ProbedAtAbsence):
+class VaneBehind(DisplacedVane):
     """A vane behind the centre of gravity: alpha_m = alpha + (arm/V) q. A vane of sideslip reads
     beta_m = beta - (arm/V) r.
 
@@ -476,10 +483,6 @@ class VaneBehind(ProbedAtAbsence):
     speed: str = "airspeed"
 
     name: ClassVar[str] = "guard:vane-behind"
-    station: ClassVar[Station] = Station.SENSOR_PATH
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("arm", 5.0, "m", bounds=(0.0, 100.0)),)
-    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})
-    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
         "A generic term: the angle of attack is read too early: alpha_m = alpha + (arm/V) q. "
         "Causes are a vane behind the centre of gravity, or a correction for a nose boom that does "
@@ -489,26 +492,12 @@ class VaneBehind(ProbedAtAbsence):
     )
 
     @property
-    def needs_constants(self) -> tuple[str, ...]:
-        return (self.speed,)
-
-    @property
-    def states_read(self) -> tuple[str, ...]:
-        return (self.rate,)
-
-    @property
     def aliases(self) -> tuple[str, ...]:
         return (f"accelerometer-offset:{self.accelerometer}",)
 
     @property
     def traits(self) -> Traits:
         return Traits(guard=True, twins=self.aliases, equivalents=self.aliases)
-
-    def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
-        return {
-            self.channel: y[self.channel]
-            + at_arm(s, vehicle, self.sign * p.arm, self.rate, self.speed)
-        }
 
 
 VANE_BEHIND: tuple[Traceable, ...] = (

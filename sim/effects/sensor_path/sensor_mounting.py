@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 from sim.declaration.effect import Parameter, Regularity, Station
 from sim.declaration.proposal import Traceable, Traits
 from sim.effects.instances import OfChannel, ProbedAtAbsence
-from sim.effects.loads import at_arm
+from sim.effects.loads import DisplacedVane
 from sim.maths import G0
 
 MEASURE_IT = (
@@ -142,7 +142,7 @@ VANE_IN_YAW = (
 
 
 @dataclass(frozen=True)
-class VaneOffset(ProbedAtAbsence):
+class VaneOffset(DisplacedVane):
     """The vane is ``arm`` metres ahead of the centre of gravity: alpha_m = alpha - (arm/V) q.
 
     ``arm`` is in m, not negative; it adds to an arm in the vehicle's equations. V is the airspeed.
@@ -162,22 +162,10 @@ class VaneOffset(ProbedAtAbsence):
 
     name: ClassVar[str] = "vane-offset"
     unit: ClassVar[str] = "rad"
-    station: ClassVar[Station] = Station.SENSOR_PATH
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("arm", 5.0, "m", bounds=(0.0, 100.0)),)
-    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})
-    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
 
     @property
     def explanation(self) -> str:
         return VANE_IN_PITCH if self.channel == "alpha" else VANE_IN_YAW
-
-    @property
-    def needs_constants(self) -> tuple[str, ...]:
-        return (self.speed,)
-
-    @property
-    def states_read(self) -> tuple[str, ...]:
-        return (self.rate,)
 
     @property
     def aliases(self) -> tuple[str, ...]:
@@ -201,12 +189,6 @@ class VaneOffset(ProbedAtAbsence):
     @property
     def _accelerometer(self) -> str:
         return f"accelerometer-offset:{'nz' if self.channel == 'alpha' else 'ny'}"
-
-    def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
-        return {
-            self.channel: y[self.channel]
-            + at_arm(s, vehicle, self.sign * p.arm, self.rate, self.speed)
-        }
 
 
 GYRO_JUMPS_TOO = (
