@@ -366,9 +366,10 @@ def aircraft_model(aircraft: Aircraft) -> Model:
 
 
 def _start(item: Parameter, attitude: str) -> Parameter:
-    """Return the initial value of a state as a fit takes it.
+    """Return the initial value of a state in the form for a fit.
 
-    Those of a quaternion follow from the outputs ``phi``, ``theta`` and ``psi``, or are held.
+    Initial values of a quaternion follow from the outputs ``phi``, ``theta`` and ``psi``, or are
+    held.
     """
     of_attitude = ATTITUDES[attitude]
     if item.name in of_attitude.held:
