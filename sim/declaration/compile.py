@@ -249,16 +249,9 @@ def signals_of(parts: EffectStages) -> Bus:
     zero_ports = {port.name: 0.0 for port in equations.ports}
     varying = [(effect.parameter, effect.change, select[effect.name]) for effect in parts.varying]
     together = [(effect.changes, select[effect.name]) for effect in parts.varying_groups]
-    disturbances = [
-        (effect, select[effect.name])
-        for effect in parts.dynamics
-        if effect.station is Station.DISTURBANCE
-    ]
-    others = [
-        (effect, select[effect.name])
-        for effect in parts.dynamics
-        if effect.station is not Station.DISTURBANCE
-    ]
+    dynamics = [(effect, select[effect.name]) for effect in parts.dynamics]
+    disturbances = [each for each in dynamics if each[0].station is Station.DISTURBANCE]
+    others = [each for each in dynamics if each[0].station is not Station.DISTURBANCE]
     # The flow of a user model may depend on ports, to which effects of the dynamics add after the
     # first evaluation of the flow.
     forms_ports = (
@@ -465,14 +458,10 @@ def noise_of(parts: EffectStages) -> Callable[[Rows], tuple[list[Any], list[Any]
         for clock in parts.clocks:
             pace = clock.pace(select[clock.name](p))
             density = [value / pace for value in density]
-        return density, [_measurement_variance(model, signal.name) for signal in outputs]
+        std = model.noise.measurement_std
+        return density, [std.get(signal.name, float("nan")) ** 2 for signal in outputs]
 
     return noise
-
-
-def _measurement_variance(model: Model, output: str) -> float:
-    std = model.noise.measurement_std.get(output)
-    return float("nan") if std is None else std**2
 
 
 # ---- From a declared Model to its System: the five array functions that algorithms use
