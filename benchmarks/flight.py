@@ -28,8 +28,8 @@ def fly_flight(folder: Path) -> tuple[list[Path], Path, Path]:
     """Records to fit, record held out and vehicle file of a surrogate flight for a measured
     flight.
     """
-    from exam.surrogates.catalogue import load_surrogate
     from exam.surrogates.flights.flight import fly_surrogate, write_flight
+    from exam.surrogates.schema import load_surrogate
 
     folder.mkdir()
     paths, vehicle = write_flight(

@@ -13,18 +13,18 @@ from scenarios.cli.application import ending_signals
 # Name -> module and function of its command line, and what it examines; `tabled` takes the name
 # first.
 EXAMINATIONS: Mapping[str, tuple[str, str, str]] = {
-    "random": ("exam.random_cases.command", "random_cases", "random cases, by their seeds"),
+    "random": ("exam.random_cases.examination", "random_cases", "random cases, by their seeds"),
     "foreign": (
-        "exam.random_cases.command",
+        "exam.random_cases.examination",
         "foreign_causes",
         "random cases with a cause that no effect of the library names",
     ),
     "recorder": (
-        "exam.random_cases.command",
+        "exam.random_cases.examination",
         "recorder_faults",
         "random cases with a fault of the recorder",
     ),
-    "score": ("exam.random_cases.command", "score", "tables of random cases from their files"),
+    "score": ("exam.random_cases.examination", "score", "tables of random cases from their files"),
     "surrogates": ("exam.commands", "surrogates", "campaign of surrogate flights"),
     "surrogate": ("exam.commands", "surrogate", "one surrogate flight, diagnosed"),
     "surrogate-records": ("exam.commands", "surrogate_records", "its records as files"),

@@ -1,8 +1,8 @@
-"""What each rule of the tracing loop is worth: diagnoses with one rule left out at a time.
+"""The contribution of each rule of the tracing loop: diagnoses with one rule left out at a time.
 
-A case is diagnosed once with all rules, and every rule that changed something on the way is noted.
-Then it is diagnosed again without each of these rules in turn. A rule that changed nothing cannot
-change the answer, so that no second diagnosis is needed for it.
+A case is diagnosed once with all rules, and every rule that changed something is noted. It is then
+diagnosed again without each of these rules in turn. A rule that changed nothing cannot change the
+answer, so that no second diagnosis is needed for it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from scenarios.files.writing import write_text
 from sim.errors import DeclarationError
 
 LINES = "ablation.jsonl"
-_SEARCHED = loop._searched  # as it is while a rule takes its place
+_SEARCHED = loop._searched  # the original function, which a rule may replace
 ALL = "all rules"
 
 
@@ -42,9 +42,11 @@ class Rule:
 
     Attributes
     ----------
-    what : the rule in one sentence. owner, attribute : where its function is.
-    without : what takes its place. acted : whether a call changed something, from the state before
-        the call (``before``), the result and the arguments.
+    what : the rule in one sentence.
+    owner, attribute : object and name of its function.
+    without : function that replaces it.
+    acted : whether a call changed something, from the state before the call (``before``), the
+        result and the arguments.
     """
 
     what: str
@@ -80,7 +82,7 @@ def _given(before: object, result: object, *_: object, **__: object) -> bool:
 
 
 def _search_step(what: str, attribute: str) -> Rule:
-    """A step of the search that only adds fitted sets."""
+    """Return a step of the search that only adds fitted sets."""
     return Rule(what, Search, attribute, _nothing, _another_leads, _leader)
 
 
@@ -194,7 +196,7 @@ RULES: Mapping[str, Rule] = {
 
 @contextmanager
 def noted(acted: set[str]) -> Iterator[None]:
-    """Within it, names of rules that change something are added to a set."""
+    """Context in which the names of rules that change something are added to a set."""
     with ExitStack() as stack:
         for name, rule in RULES.items():
             original = getattr(rule.owner, rule.attribute)
@@ -219,14 +221,15 @@ def _watched(
 
 @contextmanager
 def left_out(name: str) -> Iterator[None]:
-    """Within it, the tracing loop has all rules but one."""
+    """Context in which the tracing loop lacks one rule."""
     rule = RULES[name]
     with patch.object(rule.owner, rule.attribute, rule.without):
         yield
 
 
 def command_without(arguments: Sequence[str]) -> None:
-    """Run a command of flightid without a rule, or with all; rules that acted go into a file.
+    """Run a command of flightid without a rule, or with all; write the rules that acted into a
+    file.
 
     ``arguments`` : the rule or ``all rules``, the file, and the command with its options.
     """
@@ -246,7 +249,7 @@ Answered = Mapping[str, Any]
 
 
 def random_case(seed: int) -> dict[str, Answered]:
-    """A random case with all rules, and without each that acted."""
+    """Diagnose a random case with all rules, and without each rule that acted."""
     acted: set[str] = set()
     with tempfile.TemporaryDirectory(prefix="flightid-") as place:
         folder = Path(place)
@@ -267,7 +270,7 @@ def _answer(score: Any) -> Answered:
 
 
 def flight_case(folder: Path, answers: Path) -> dict[str, Answered]:
-    """An independent flight with all rules, and without each that acted."""
+    """Diagnose an independent flight with all rules, and without each rule that acted."""
     truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
 
     def answered(name: str, place: Path) -> Answered:
@@ -288,7 +291,7 @@ def flight_case(folder: Path, answers: Path) -> dict[str, Answered]:
 
 
 def ablate(arguments: Sequence[str] | None = None) -> int:
-    """Cases by their seeds, or flights of a folder, with one rule left out at a time."""
+    """Run cases by their seeds, or flights of a folder, with one rule left out at a time."""
     parser = Parser("ablate", "diagnoses with one rule of the tracing loop left out at a time")
     parser.add_argument("--random", type=int, nargs=2, metavar=("FIRST", "COUNT"))
     parser.add_argument("--flights", type=Path, metavar="DIR", help="of python -m exam independent")
@@ -325,7 +328,9 @@ def ablate(arguments: Sequence[str] | None = None) -> int:
 
 
 def table(rows: Sequence[Mapping[str, Answered]]) -> str:
-    """Of each rule: cases that it changed on the way, and answers there with it and without it."""
+    """Return, for each rule, the cases that it changed, and the answers in these with and without
+    it.
+    """
     lines = [
         "| rule | acted | right with it | right without | false with it | false without |",
         "|---|---|---|---|---|---|",

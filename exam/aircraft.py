@@ -1,4 +1,4 @@
-"""Aircraft drawn at random for trials of the loop."""
+"""Random aircraft for trials of the tracing loop."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ USUAL = {
 
 
 def drawn_aircraft(rng: np.random.Generator) -> tuple[str, Model]:
-    """One of ``AIRCRAFT`` with derivatives within 20 % of usual ones."""
+    """Draw one of ``AIRCRAFT`` with derivatives within 20 % of usual ones."""
     name = sorted(AIRCRAFT)[int(rng.integers(len(AIRCRAFT)))]
     derivatives = {key: value * rng.uniform(0.8, 1.2) for key, value in USUAL.items()}
     return name, model_from_constants("rigid", AIRCRAFT[name], derivatives)

@@ -1,4 +1,4 @@
-"""Campaigns of the tracing loop: what each flies, prints and writes.
+"""Campaigns of the tracing loop: flights, printed tables and written files of each.
 
 Every campaign is a `Campaign`; `fly_and_tell` flies it, prints its tables and writes its folder.
 """
@@ -24,7 +24,7 @@ from exam.detection import (
     weak_setting,
 )
 from exam.options import exam_reproduction
-from exam.repeated import Flights, Flown, LoopFlights, fly_all
+from exam.repeated import Flights, FlownCampaign, LoopFlights, fly_all
 from scenarios.files.declarations import named_after
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json
@@ -41,8 +41,9 @@ from scenarios.report.terminal import (
 )
 from scenarios.tasks.study import Execution, ShowProgress, stopped
 
-ROOT = 1  # of the seeds, where none is asked for and no scenario has one
-GAIN = 25.0  # expected gain of the log likelihood of a weak effect: nearly all are found from here
+ROOT = 1  # default root seed, unless the scenario has one
+# Expected gain of the log likelihood of a weak effect; nearly all such effects are detected.
+GAIN = 25.0
 CLEAN = (
     Column("model"),
     Column("runs", PURE),
@@ -79,10 +80,13 @@ class Campaign:
 
     Attributes
     ----------
-    name, where : its name, and what messages call it. root : of the seeds, where none is asked for.
-    work : what is done in a flight. times : flights in a run.
-    text : what has been flown, in so many columns; last, where more is to be read.
-    write : puts it into a folder, with figures.
+    name, where : name of the campaign, and its name in messages.
+    root : default root seed.
+    work : makes the tasks of the flights.
+    times : flights in a run.
+    text : returns the text for a number of columns; its last argument names the place of further
+        details.
+    write : writes the results into a folder, with figures.
     """
 
     name: str
@@ -90,8 +94,8 @@ class Campaign:
     root: int
     work: Flights
     times: int
-    text: Callable[[Flown, int, str], str]
-    write: Callable[[Flown, Path, Formats], Path]
+    text: Callable[[FlownCampaign, int, str], str]
+    write: Callable[[FlownCampaign, Path, Formats], Path]
 
     def fly(
         self,
@@ -99,8 +103,10 @@ class Campaign:
         seed: int | None,
         execution: Execution,
         tell: ShowProgress = lambda stage, share: None,
-    ) -> Flown:
-        """All flights of so many runs, after Ctrl-C those that had ended; raises as ``fly_all``."""
+    ) -> FlownCampaign:
+        """Fly all flights of ``runs`` runs; after Ctrl-C, return those that had ended. Raises as
+        ``fly_all``.
+        """
         root = self.root if seed is None else seed
         with named_after(self.where):
             return fly_all(self.work, runs * self.times, root, execution, tell)
@@ -115,8 +121,7 @@ def fly_and_tell(
     *,
     progress: bool = True,
 ) -> None:
-    """Fly and diagnose, print the tables, and write what ``campaign.write`` does into
-    ``execution.out``.
+    """Fly and diagnose, print the tables, and write the results into ``execution.out``.
 
     Raises
     ------
@@ -134,24 +139,28 @@ def fly_and_tell(
 
 
 def hidden_effect_campaign(name: str, changes: Sequence[str] = ()) -> Campaign:
-    """Many flights of one hidden-effect scenario, by its name or the path of its file.
+    """Return the campaign of one hidden-effect scenario, by its name or the path of its file.
 
     Raises
     ------
     FlightidError : there is none of that name, or something is declared that cannot be.
     """
-    from exam.hidden_effects.campaign import named_scenario, trace_flights
-    from exam.hidden_effects.page import campaign_page
-    from exam.hidden_effects.text import trace_campaign_text, write_trace_campaign
+    from exam.hidden_effects import (
+        campaign_page,
+        named_scenario,
+        trace_campaign_text,
+        trace_flights,
+        write_trace_campaign,
+    )
     from scenarios.studies.catalogue import scenario_file
 
     scenario = named_scenario(name, tuple(changes))
 
-    def write(done: Flown, out: Path, figures: Formats) -> Path:
+    def write(done: FlownCampaign, out: Path, figures: Formats) -> Path:
         page = partial(campaign_page, scenario, done)
         return write_trace_campaign(scenario, done, out, page, figures)
 
-    def text(done: Flown, width: int, details: str) -> str:
+    def text(done: FlownCampaign, width: int, details: str) -> str:
         return trace_campaign_text(scenario, done.found, done.words, width)
 
     work = trace_flights(name, changes)
@@ -159,21 +168,20 @@ def hidden_effect_campaign(name: str, changes: Sequence[str] = ()) -> Campaign:
 
 
 def surrogate_campaign(name: str, changes: Sequence[str] = ()) -> Campaign:
-    """Many surrogate flights of one declaration; raises as ``load_surrogate``."""
-    from exam.surrogates.campaign import surrogate_flights
-    from exam.surrogates.campaign_text import campaign_text, write_campaign
-    from exam.surrogates.catalogue import load_surrogate
-    from exam.surrogates.page import campaign_page
+    """Return the campaign of surrogate flights of one declaration; raises as ``load_surrogate``."""
+    from exam.surrogates.campaign import campaign_text, surrogate_flights, write_campaign
+    from exam.surrogates.report import campaign_page
+    from exam.surrogates.schema import load_surrogate
     from scenarios.studies.catalogue import scenario_file
 
     surrogate = load_surrogate(name, changes)
 
-    def write(done: Flown, out: Path, figures: Formats) -> Path:
+    def write(done: FlownCampaign, out: Path, figures: Formats) -> Path:
         return write_campaign(
             surrogate, done, out, partial(campaign_page, surrogate, done), figures
         )
 
-    def text(done: Flown, width: int, details: str) -> str:
+    def text(done: FlownCampaign, width: int, details: str) -> str:
         return campaign_text(surrogate, done.found, done.words, width, details)
 
     work = surrogate_flights(surrogate)
@@ -181,8 +189,8 @@ def surrogate_campaign(name: str, changes: Sequence[str] = ()) -> Campaign:
 
 
 def every_effect_campaign(runs: int, effects: Sequence[str] | None = None) -> Campaign:
-    """Flights of each of the ``effects`` (None: all of the library); ``runs`` is what its page
-    says.
+    """Return the campaign of flights of each of the ``effects`` (None: all of the library); its
+    page names ``runs``.
 
     Raises
     ------
@@ -193,10 +201,10 @@ def every_effect_campaign(runs: int, effects: Sequence[str] | None = None) -> Ca
 
     work = EveryEffect(None if effects is None else tuple(effects))
 
-    def write(done: Flown, out: Path, figures: Formats) -> Path:
+    def write(done: FlownCampaign, out: Path, figures: Formats) -> Path:
         return write_every_effect(done, runs, work.effects, out, figures)
 
-    def text(done: Flown, width: int, details: str) -> str:
+    def text(done: FlownCampaign, width: int, details: str) -> str:
         return every_effect_text(done, width)
 
     return Campaign(NAME, NAME, ROOT, work, len(work.kinds), text, write)
@@ -204,8 +212,9 @@ def every_effect_campaign(runs: int, effects: Sequence[str] | None = None) -> Ca
 
 @dataclass(frozen=True)
 class Tabled:
-    """What a campaign with a single table flies: ``fly`` gives of a flight's number and seed a
-    ``kind`` of dataclass; ``rows`` below the ``columns`` are of all flights."""
+    """A campaign with a single table: ``fly`` returns a dataclass of the ``kind`` for a flight's
+    number and seed, and ``rows`` returns the cells of the ``columns`` for all flights.
+    """
 
     fly: Callable[[int, int], Any]
     kind: Any
@@ -215,15 +224,15 @@ class Tabled:
 
 
 def tabled_campaign(name: str) -> Campaign:
-    """A campaign of ``TABLED`` by its name."""
+    """Return a campaign of ``TABLED`` by its name."""
     tabled = TABLED[name]
 
-    def text(done: Flown, width: int, details: str) -> str:
+    def text(done: FlownCampaign, width: int, details: str) -> str:
         shown = rows_table(tabled.title, tabled.columns, tabled.rows(done.found))
         table = table_as_lines(shown)
         return "\n".join([f"{name}: {done.ended} flights, {done.words}", *table]) + "\n"
 
-    def write(done: Flown, out: Path, figures: Formats) -> Path:
+    def write(done: FlownCampaign, out: Path, figures: Formats) -> Path:
         rows = tabled.rows(done.found)
         content = {"schema": "flightid/campaign/1", "scenario": name, **done.content}
         headings = [heading_text(column) for column in tabled.columns]
@@ -238,7 +247,7 @@ def tabled_campaign(name: str) -> Campaign:
     return Campaign(name, name, ROOT, work, 1, text, write)
 
 
-def _page(name: str, tabled: Tabled, done: Flown, rows: Rows) -> Page:
+def _page(name: str, tabled: Tabled, done: FlownCampaign, rows: Rows) -> Page:
     command = (name, "--runs", str(done.ended), "--seed", str(done.root))
     return Page(
         title=f"{capital(name.replace('-', ' '))}: {done.ended} flights",

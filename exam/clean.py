@@ -1,5 +1,5 @@
-"""Records of every model with nothing hidden in them: what a diagnosis that is offered everything
-claims, and whether its sigmas hold.
+"""Records of every model with nothing hidden: false claims of a diagnosis with all candidates, and
+coverage of its sigmas.
 """
 
 from __future__ import annotations
@@ -40,19 +40,19 @@ FLOWN: Mapping[str, str] = {
     "longitudinal": "trace-longitudinal-thrust",
 }
 MODELS = ("rigid", "loes", "ballistic", "flexible", "own", "lateral", "longitudinal")
-WRONG = 0.3  # share by which starting values are off at most
+WRONG = 0.3  # largest relative error of starting values
 SIGMAS = 2.0
-_SPREAD = 7_000_003  # between the seeds of flights and those of starting values
+_SPREAD = 7_000_003  # offset between the seeds of flights and of starting values
 
 
 @dataclass(frozen=True)
 class CleanRun:
-    """One clean flight: the verdict, what is claimed, the errors of the derivatives in their
-    sigmas, and these over the Cramer-Rao bound.
+    """One clean flight: verdict, claims, errors of the derivatives in their sigmas, and ratios of
+    these sigmas to the Cramer-Rao bound.
 
-    Derivatives are those that the record determines at all, of which the bound is below the value.
-    ``hints``: effects that are named and not claimed. ``seconds`` of the processor, for the
-    diagnosis.
+    Derivatives are left out if the record does not determine them, that is, if the bound is above
+    the value. ``hints`` are effects that are named but not claimed. ``seconds`` is the processor
+    time of the diagnosis.
     """
 
     seed: int
@@ -67,8 +67,8 @@ class CleanRun:
 
 @dataclass(frozen=True, eq=False)
 class _Flight:
-    """What is diagnosed, the true model, and the Cramer-Rao bound of some parameters beside the
-    biases of some outputs.
+    """Files to diagnose, true model, and Cramer-Rao bounds of some parameters with biases of some
+    outputs.
     """
 
     request: Request
@@ -77,8 +77,8 @@ class _Flight:
 
 
 def clean_flight(seed: int, model: str) -> CleanRun:
-    """Fly and diagnose one record of a ``model`` with nothing hidden, another held out; all but the
-    time depends on these alone.
+    """Fly and diagnose one record of a ``model`` with nothing hidden, and a held-out record. All
+    but the time depends on the arguments alone.
     """
     with tempfile.TemporaryDirectory(prefix="flightid-") as name:
         flight = (
@@ -109,7 +109,7 @@ def clean_flight(seed: int, model: str) -> CleanRun:
 
 
 def _case(model: str, seed: int, folder: Path) -> _Flight:
-    """A case that hides nothing."""
+    """Return a case with nothing hidden."""
     written, train = write_clean(model, seed, folder)
 
     def again(true: Model) -> Record:
@@ -125,7 +125,9 @@ def _case(model: str, seed: int, folder: Path) -> _Flight:
 
 
 def _scenario(model: str, seed: int, folder: Path) -> _Flight:
-    """A tracing scenario's flight without what it hides, its starting values drawn."""
+    """Return the flight of a tracing scenario without its hidden effect, with starting values drawn
+    at random.
+    """
     from scenarios.studies.catalogue import load_document
 
     scenario = trace_scenario_of(*load_document(FLOWN[model]))
@@ -144,9 +146,12 @@ def _scenario(model: str, seed: int, folder: Path) -> _Flight:
 
 
 def clean_rows(runs: Sequence[CleanRun]) -> list[tuple[Cell, ...]]:
-    """By model and for all: runs, false claims with their 95 % interval in percent, not consistent,
-    derivatives within two sigmas with theirs, the median of sigma over the bound with its 5 and 95
-    % quantiles, median processor time in s."""
+    """Return the rows of the table by model and for all models.
+
+    Columns are: runs, false claims with their 95 % interval in per cent, verdicts that are not
+    consistent, derivatives within two sigmas with their interval, the median of sigma over the
+    bound with its 5 and 95 % quantiles, and median processor time in s.
+    """
     groups = {model: [run for run in runs if run.model == model] for model in MODELS}
     return [
         _row(label, group)
@@ -184,9 +189,7 @@ def _row(label: str, runs: Sequence[CleanRun]) -> tuple[Cell, ...]:
 
 
 def _biased(model: Model) -> Mapping[str, float]:
-    """Outputs with a bias that a fit leaves free, and the standard deviation of what is known of
-    it.
-    """
+    """Return the outputs with a free bias, and the standard deviations of its priors."""
     return {name: model.parameters[f"bias_{name}"].prior_std for name in model.biases}
 
 
@@ -207,7 +210,7 @@ def _bound_of(
 
 
 def _noiseless(flight: TraceFlight, model: Model) -> Record:
-    """The fitted record of a tracing scenario's flight without noise."""
+    """Return the fitted record of a tracing scenario's flight without noise."""
     return simulated_record(
         flight, flight.train, model.with_noise(Noise()), np.random.default_rng(0), "train"
     )

@@ -18,7 +18,7 @@ from exam.campaigns import (
     tabled_campaign,
 )
 from exam.options import Parser, ended_in_one_line, figures_of, manner_of, seed
-from exam.surrogates.catalogue import USUAL, load_surrogate, surrogate_names
+from exam.surrogates.schema import USUAL_SURROGATE, load_surrogate, surrogate_names
 from scenarios.files.declarations import named_after
 from scenarios.report.summary import details_in, terminal_width, written_to
 from scenarios.report.terminal import progress_bar
@@ -64,9 +64,8 @@ def surrogate(arguments: Sequence[str] | None = None) -> int:
     asked = parser.parse_args(arguments)
 
     def work() -> int:
-        from exam.surrogates.files import write_surrogate
+        from exam.surrogates.report import surrogate_text, write_surrogate
         from exam.surrogates.study import run_surrogate
-        from exam.surrogates.text import surrogate_text
 
         declared, figures = load_surrogate(asked.name, asked.changes), figures_of(asked)
         with named_after(scenario_file(asked.name)), progress_bar(True, counted=False) as tell:
@@ -125,7 +124,7 @@ def _fly(name: str, campaign: Callable[[], Campaign], asked: Namespace) -> int:
 
 
 def _one_again(asked: Namespace, effects: Sequence[str] | None) -> int:
-    from exam.every_effect.one import fly_one, one_text, write_one
+    from exam.every_effect.campaign import fly_one, one_text, write_one
     from exam.every_effect.work import EveryEffect
 
     work, figures = EveryEffect(None if effects is None else tuple(effects)), figures_of(asked)
@@ -140,8 +139,8 @@ def _one_again(asked: Namespace, effects: Sequence[str] | None) -> int:
 
 def _add_surrogate(parser: Parser) -> None:
     names = ", ".join(surrogate_names())
-    text = f"{names}, or a file's path; default: {USUAL}"
-    parser.add_argument("name", nargs="?", default=USUAL, metavar="NAME", help=text)
+    text = f"{names}, or a file's path; default: {USUAL_SURROGATE}"
+    parser.add_argument("name", nargs="?", default=USUAL_SURROGATE, metavar="NAME", help=text)
     parser.add_changes()
 
 

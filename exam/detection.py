@@ -1,9 +1,9 @@
-"""How often the tracing loop raises a false alarm, and how often it finds an effect of a given
-strength and names it right.
+"""Rates of false alarms of the tracing loop, and of detection and right naming of effects of a
+given strength.
 
-Strength is the expected gain of the log likelihood: half the squared change that the effect makes
-to the outputs, in noise sigmas, as far as no change of the declared model's parameters, initial
-state or biases can stand in for it.
+Strength is the expected gain of the log likelihood. It is half the squared change of the outputs by
+the effect, in noise sigmas, without the part that changes of the declared model's parameters,
+initial state or biases can explain.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ WEAK = {
 
 
 class Finding(Enum):
-    """What became of a record with one weak effect in it."""
+    """Outcome for a record with one weak effect."""
 
     RIGHT = "named right"
     AMBIGUOUS = "ambiguous, the right name among the alternatives"
@@ -60,7 +60,7 @@ class Finding(Enum):
 
 @dataclass(frozen=True)
 class Setting:
-    """What the records of a campaign have in common: channels, degrees of freedom of the noise (0
+    """Common settings of the records of a campaign: channels, degrees of freedom of the noise (0
     for normal noise), rate in 1/s.
     """
 
@@ -72,8 +72,8 @@ class Setting:
 
 @dataclass(frozen=True)
 class Alarm:
-    """One clean record: its seed, the verdict, the effects claimed, and the label of the setting in
-    which it was flown.
+    """One clean record: its seed, the verdict, the claimed effects, and the label of its
+    setting.
     """
 
     seed: int
@@ -86,7 +86,7 @@ class Alarm:
 
 @dataclass(frozen=True)
 class Detection:
-    """One record with a weak effect: its size, and what was found."""
+    """One record with a weak effect: its size, and the outcome."""
 
     seed: int
     effect: str
@@ -97,8 +97,8 @@ class Detection:
     seconds: float
 
 
-# Where nz is recorded, a delay of the surface however small moves the one sample at each switch by
-# its whole jump: no strength can be set.
+# If nz is recorded, even the smallest delay of the surface changes the sample at each switch by the
+# whole jump, so that the strength of these effects cannot be set.
 WITHOUT_NZ = ("input-delay", "actuator-lag")
 SETTINGS = (
     Setting("three channels"),
@@ -108,13 +108,13 @@ SETTINGS = (
 
 
 def weak_setting(effect: str) -> Setting:
-    """The setting in which an effect's strength can be set: three channels, or alpha and q only."""
+    """Return a setting in which the strength of an effect can be set: three channels, or two."""
     return SETTINGS[1] if effect in WITHOUT_NZ else SETTINGS[0]
 
 
 def clean_run(setting: Setting, seed: int) -> Alarm:
-    """Fly and diagnose one record without anything hidden; aircraft, derivatives, noise and
-    starting values are drawn from the seed.
+    """Fly and diagnose one record with nothing hidden. Aircraft, derivatives, noise and starting
+    values are drawn from the seed.
     """
     rng = np.random.default_rng((seed, 1))
     name, model = drawn_aircraft(rng)
@@ -123,7 +123,7 @@ def clean_run(setting: Setting, seed: int) -> Alarm:
 
 
 def weak_run(setting: Setting, effect: str, gain: float, seed: int) -> Detection:
-    """Fly and diagnose one record with an effect of the size that brings the wanted expected
+    """Fly and diagnose one record with an effect of the size that gives the wanted expected
     gain.
     """
     rng = np.random.default_rng((seed, 2))
@@ -136,7 +136,9 @@ def weak_run(setting: Setting, effect: str, gain: float, seed: int) -> Detection
 
 
 def found(effect: str, diagnosis: Diagnosis) -> Finding:
-    """What a diagnosis says of one hidden effect; a lag and a delay of the same sensor are one."""
+    """Return the outcome of a diagnosis for one hidden effect; a lag and a delay of the same sensor
+    count as one.
+    """
     right = same_fault(effect)
     claims = [claim for claim in diagnosis.effects if claim.claimed]
     if diagnosis.verdict.value == "consistent":
@@ -151,7 +153,7 @@ def found(effect: str, diagnosis: Diagnosis) -> Finding:
 
 
 def with_effect(model: Model, name: str, size: float) -> Model:
-    """The aircraft with a library effect at one value of its one parameter."""
+    """Return the aircraft with a library effect at a value of its one parameter."""
     effect = find_effect(name, model.equations)
     return model.with_effects(effect).with_values({full_name(effect, WEAK[name][0]): size})
 
@@ -159,8 +161,8 @@ def with_effect(model: Model, name: str, size: float) -> Model:
 def traced(
     declared: Model, true: Model, setting: Setting, rng: np.random.Generator
 ) -> tuple[Diagnosis, float]:
-    """Fly two records, write them, hand the files to the loop; the diagnosis and its processor time
-    in s.
+    """Fly two records, write them, and have the files diagnosed; return the diagnosis and its
+    processor time in s.
     """
     with tempfile.TemporaryDirectory(prefix="flightid-") as name:
         folder = Path(name)
@@ -184,7 +186,7 @@ def traced(
 
 
 def flown(model: Model, maneuver: Maneuver, setting: Setting) -> Record:
-    """One record without noise, in 5 ms steps; input paths work on finer cells of their own."""
+    """Fly one record without noise, in steps of 5 ms; input paths use finer cells."""
     time = sample_times(setting.rate, DURATION)
     record, _ = fly(
         model.with_noise(Noise()),
@@ -198,8 +200,8 @@ def flown(model: Model, maneuver: Maneuver, setting: Setting) -> Record:
 
 
 def size_of(model: Model, name: str, gain: float, setting: Setting) -> float:
-    """The value of an effect's parameter whose expected log-likelihood gain on the training record
-    is ``gain``; at most the largest of ``WEAK``.
+    """Return the value of an effect's parameter whose expected log-likelihood gain on the training
+    record is ``gain``; at most the largest of ``WEAK``.
     """
     effect = find_effect(name, model.equations)
     local, most = WEAK[name]
@@ -220,7 +222,7 @@ def size_of(model: Model, name: str, gain: float, setting: Setting) -> float:
         rest = changed - columns @ np.linalg.lstsq(columns, changed, rcond=None)[0]
         return 0.5 * float(rest @ rest)
 
-    # The gain grows nearly as the square of the size: a few corrections by that law reach it.
+    # The gain is nearly proportional to the square of the size, so a few corrections suffice.
     share = 0.05
     for _ in range(5):
         share = min(1.0, share * float(np.sqrt(gain / max(reached(share), 1e-12))))
@@ -228,8 +230,8 @@ def size_of(model: Model, name: str, gain: float, setting: Setting) -> float:
 
 
 def alarm_rows(alarms: Mapping[str, Sequence[Alarm]]) -> list[tuple[Cell, ...]]:
-    """Setting, runs, false claims, not consistent, 95 % interval of false claims in percent, median
-    processor time in s.
+    """Return the rows: setting, runs, false claims, not consistent, 95 % interval of false claims
+    in per cent, median processor time in s.
     """
     rows: list[tuple[Cell, ...]] = []
     for label, group in alarms.items():
@@ -255,8 +257,8 @@ def alarm_rows(alarms: Mapping[str, Sequence[Alarm]]) -> list[tuple[Cell, ...]]:
 def detection_rows(
     detections: Sequence[Detection], by: Callable[[Detection], str]
 ) -> list[tuple[Cell, ...]]:
-    """Group, runs, detected, named right, ambiguous, unexplained, wrong, and the 95 % interval of
-    detection in percent.
+    """Return the rows: group, runs, detected, named right, ambiguous, unexplained, wrong, and the
+    95 % interval of detection in per cent.
     """
     rows: list[tuple[Cell, ...]] = []
     for label in dict.fromkeys(by(detection) for detection in detections):
@@ -316,8 +318,8 @@ def _whitened(record: Record, setting: Setting) -> np.ndarray:
 
 
 def _columns(model: Model, base: np.ndarray, setting: Setting) -> np.ndarray:
-    """Changes of the outputs by what the declared model can move: derivatives, initial state, one
-    bias a channel.
+    """Return the changes of the outputs by the declared unknowns: derivatives, initial state, one
+    bias for each channel.
     """
     columns = []
     for name in USUAL:

@@ -1,4 +1,4 @@
-"""Command lines of the examinations: options that several take, and every failure as one line."""
+"""Command lines of the examinations: common options, and failures in one line."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from scenarios.report.figure_formats import Formats, formats_of
 from scenarios.tasks.study import Execution
 from sim.errors import FlightidError
 
-STOPPED = 130  # exit code of what Ctrl-C ended: 128 and the number of the signal
+STOPPED = 130  # exit code after Ctrl-C: 128 plus the number of the signal
 
 
 class Parser(argparse.ArgumentParser):
-    """The parser of one examination; what is typed wrong is one line."""
+    """The parser of one examination; errors are printed in one line."""
 
     def __init__(self, name: str, description: str) -> None:
         super().__init__(prog=f"python -m exam {name}", description=description)
@@ -29,7 +29,7 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
 
     def add_manner(self, *, out_required: bool = False) -> None:
-        """Options that say how repeated work is done; ``manner_of`` reads them."""
+        """Add options for the execution of repeated work; ``manner_of`` reads them."""
         self.add_argument("--out", type=Path, required=out_required, metavar="DIR", help="folder")
         self.add_argument("--jobs", type=int, metavar="N", help="processes; default: one a core")
         self.add_argument(
@@ -39,7 +39,7 @@ class Parser(argparse.ArgumentParser):
         self.add_argument("--time-limit", type=float, metavar="S", help="s that a flight may take")
 
     def add_campaign(self, *, runs_required: bool = True) -> None:
-        """Options of a campaign."""
+        """Add options of a campaign."""
         self.add_argument(
             "--runs", type=int, required=runs_required, metavar="N", help="two or more"
         )
@@ -48,14 +48,14 @@ class Parser(argparse.ArgumentParser):
         self.add_manner()
 
     def add_figures(self) -> None:
-        """Formats of figures; ``figures_of`` reads them."""
+        """Add the formats of figures; ``figures_of`` reads them."""
         self.add_argument(
             "--figures", metavar="FORMAT,...", help="png (default), svg, pdf, or none"
         )
         self.add_argument("--no-figures", action="store_true", help="draw none")
 
     def add_changes(self) -> None:
-        """Changes of a scenario's file."""
+        """Add changes of a scenario's file."""
         self.add_argument(
             "--set",
             action="append",
@@ -67,7 +67,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def seed(text: str) -> int:
-    """A seed as it is typed; ValueError below zero."""
+    """Return a seed from its text; raise ValueError below zero."""
     number = int(text)
     if number < 0:
         raise ValueError
@@ -75,17 +75,19 @@ def seed(text: str) -> int:
 
 
 def manner_of(asked: argparse.Namespace) -> Execution:
-    """How repeated work is done."""
+    """Return the settings of repeated work."""
     return Execution(asked.jobs, asked.out, asked.resume, asked.cluster, asked.time_limit)
 
 
 def figures_of(asked: argparse.Namespace) -> Formats:
-    """Formats of figures."""
+    """Return the formats of figures."""
     return formats_of([asked.figures] if asked.figures else None, asked.no_figures)
 
 
 def ended_in_one_line(name: str, work: Callable[[], int]) -> int:
-    """The exit code of some work; a fault is one line and 2, Ctrl-C one line and 130."""
+    """Run some work and return the exit code: 2 with one line for a fault, 130 with one line for
+    Ctrl-C.
+    """
     try:
         return work()
     except (FlightidError, OSError) as fault:
@@ -101,7 +103,7 @@ Main = Callable[[Sequence[str] | None], int]
 
 
 def exam_reproduction(usual: Sequence[str], seed_words: str) -> Reproduction:
-    """How a page is made again: what was typed after ``python -m exam``, else the words
+    """Return how a page is made again: the words after ``python -m exam``, else the words
     ``usual``.
     """
     program = Path((sys.argv or [""])[0])

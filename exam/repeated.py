@@ -1,5 +1,5 @@
-"""Flights of a campaign of the tracing loop as tasks: each flown and diagnosed, what was found kept
-as text, and all of them together.
+"""Flights of a campaign of the tracing loop as tasks. Each is flown and diagnosed, and its result
+is stored as text.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from typing import Any, Protocol
 from scenarios.tasks.study import Execution, ShowProgress, run_study
 from scenarios.tasks.work import Row, RowTable, Task, Work
 
-# columns: what was found as JSON, the time of its diagnosis; the field that has it
+# Columns: the result as JSON, the time of its diagnosis; and the field that has the time.
 FOUND, TAKEN, SECONDS = "found", "taken", "seconds"
 
 
 @dataclass(frozen=True, eq=False)
 class LoopFlights:
-    """Flights of a campaign by the ``name`` of it: ``fly``, a function of a module, gives of a
-    flight's number and seed a ``kind`` of dataclass.
+    """Flights of the campaign ``name``: the module-level function ``fly`` returns a dataclass of
+    the ``kind`` for a flight's number and seed.
 
-    ``told`` : everything on which that depends but these, as JSON.
+    ``told`` has everything else on which the result depends, as JSON.
     """
 
     name: str
@@ -44,8 +44,8 @@ class LoopFlights:
         return {"campaign": self.name, **self.told}
 
     def run(self, tasks: Sequence[Task]) -> Sequence[Row | str]:
-        """One row a flight; the time that its diagnosis took stands apart, for it is never the
-        same.
+        """Return the row of a flight. The time of its diagnosis has a cell of its own, since it is
+        not reproducible.
         """
         rows: list[Row | str] = []
         for task in tasks:
@@ -63,7 +63,7 @@ class LoopFlights:
         return rows
 
     def read(self, table: RowTable) -> list[Any]:
-        """What was found of each flight that has a row, in order."""
+        """Return the result of each flight that has a row, in order."""
         found = []
         for text, taken in zip(table.columns[FOUND], table.times[TAKEN].tolist(), strict=True):
             if text is not None:
@@ -82,7 +82,7 @@ class LoopFlights:
 
 
 def _plain(value: object) -> object:
-    """What JSON does not know, the same in every process."""
+    """Return values that JSON does not know in a form that is the same in every process."""
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, frozenset | set):
@@ -91,18 +91,17 @@ def _plain(value: object) -> object:
 
 
 class Flights(Work, Protocol):
-    """Work whose rows are read as what was found of each flight."""
+    """Work whose rows are read as results of flights."""
 
     def read(self, table: RowTable) -> list[Any]: ...
 
 
 @dataclass(frozen=True)
-class Flown:
-    """Flights of a campaign that have ended: what was ``found`` of those that could be judged,
-    ``failures`` by what the others ended.
+class FlownCampaign:
+    """Flights of a campaign that have ended: results ``found``, and ``failures`` by their reasons.
 
-    ``root`` : from which the seeds of all flights spring. ``asked`` : how many there were to be,
-    ``ended`` : how many have.
+    ``root`` is the root seed, ``asked`` the number of requested flights, and ``ended`` the number
+    of those that have ended.
     """
 
     root: int
@@ -117,7 +116,7 @@ class Flown:
 
     @property
     def words(self) -> str:
-        """``"seeds from 1"``, and how many where it was stopped."""
+        """``"seeds from 1"``, with the number of flights if the campaign was stopped."""
         words = (
             f"seeds from {self.root}"
             if self.whole
@@ -127,7 +126,7 @@ class Flown:
 
     @property
     def failed(self) -> str:
-        """How many could not be judged, and why; empty where all could."""
+        """Number of failed flights and the reasons; empty without any."""
         count = sum(self.failures.values())
         why = "; ".join(f"{times} {error}" for error, times in self.failures.items())
         return (
@@ -136,7 +135,7 @@ class Flown:
 
     @property
     def content(self) -> dict[str, Any]:
-        """What ``campaign.json`` says of it."""
+        """Return the entries of ``campaign.json`` on the flights."""
         stopped = {} if self.whole else {"asked": self.asked}
         return {
             "seed": self.root,
@@ -152,8 +151,8 @@ def fly_all(
     root: int,
     execution: Execution,
     tell: ShowProgress = lambda stage, share: None,
-) -> Flown:
-    """All flights of a campaign, or after Ctrl-C those that had ended.
+) -> FlownCampaign:
+    """Fly all flights of a campaign; after Ctrl-C, return those that had ended.
 
     Raises
     ------
@@ -162,4 +161,4 @@ def fly_all(
     """
     table = run_study(work, execution.request(runs, root, work.block, "flights"), tell)
     failures = Counter(error for error in table.columns["error"] if error)
-    return Flown(root, runs, len(table), work.read(table), dict(failures.most_common()))
+    return FlownCampaign(root, runs, len(table), work.read(table), dict(failures.most_common()))

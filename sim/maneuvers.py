@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Protocol
 
@@ -242,7 +242,7 @@ def _bad(what: str, remedy: str) -> ModelError:
 
 # ---- Smooth maneuvers that spread their energy over a band
 
-_GAUSS_POINTS = 8  # of a panel in the mean of a sweep
+_GAUSS_POINTS = 8  # points of a panel in the mean of a sweep
 _PEAK_POINTS_PER_PERIOD = 32  # points in a period of the highest harmonic that show the peaks
 _MOST_CLIPPINGS = 200
 _LEVELS = (0.75, 0.99)  # levels of the first and the last clipping, relative to the peak
@@ -273,7 +273,7 @@ class Multisine:
             raise ModelError(
                 "harmonics, amplitudes and phases differ in number, or there are none",
                 where="multisine",
-                remedy="give each harmonic one of both",
+                remedy="give each harmonic an amplitude and a phase",
             )
         distinct = len(set(self.harmonics)) == len(self.harmonics)
         if not distinct or any(each < 1 or each != int(each) for each in self.harmonics):
@@ -372,15 +372,9 @@ def schroeder_multisine(
             where="multisine",
             remedy="give a finite rms and at least one harmonic",
         )
-    phases = [-math.pi * i * (i - 1) / count for i in range(1, count + 1)]
-    amplitude = rms * math.sqrt(2.0 / count)
-    plain = Multisine(period, tuple(harmonics), (amplitude,) * count, tuple(phases), 0.0)
-    shift = _first_zero(plain)
-    turned = tuple(
-        phase + 2.0 * math.pi * harmonic * shift / period
-        for harmonic, phase in zip(harmonics, phases, strict=True)
-    )
-    return Multisine(period, tuple(harmonics), (amplitude,) * count, turned, start, cycles)
+    phases = tuple(-math.pi * i * (i - 1) / count for i in range(1, count + 1))
+    amplitudes = (rms * math.sqrt(2.0 / count),) * count
+    return _from_zero(Multisine(period, tuple(harmonics), amplitudes, phases, start, cycles))
 
 
 def orthogonal_multisines(
@@ -416,9 +410,9 @@ def least_peak_multisine(
     ``shares`` : relative amplitudes of the harmonics; None for equal ones.
 
     In each iteration the peaks are clipped, and the phases of the clipped signal are taken (Van der
-    Ouderaa, Schoukens and Renneboog, IEEE Trans. Instrumentation and Measurement 37(1), 1988). Less
-    is clipped in later iterations. The result is the iteration with the lowest peak, which is never
-    above that of Schroeder's phases.
+    Ouderaa, Schoukens and Renneboog, IEEE Trans. Instrumentation and Measurement 37(1), 1988). The
+    level of clipping rises towards the peak. The result is the iteration with the lowest peak,
+    which is never above that of Schroeder's phases.
     """
     first = schroeder_multisine(rms, period, harmonics, 0.0)
     at, count = np.asarray(first.harmonics), _PEAK_POINTS_PER_PERIOD * max(first.harmonics)
@@ -444,14 +438,18 @@ def least_peak_multisine(
             best, lowest = phases, peak
         level = peak * (_LEVELS[0] + (_LEVELS[1] - _LEVELS[0]) * step / _MOST_CLIPPINGS)
         phases = np.angle(np.fft.rfft(np.clip(u, -level, level))[at])
-    amplitudes = tuple(size.tolist())
-    plain = Multisine(period, first.harmonics, amplitudes, tuple(best.tolist()), 0.0)
-    shift = _first_zero(plain)
-    turned = tuple(
-        phase + 2.0 * math.pi * harmonic * shift / period
-        for harmonic, phase in zip(first.harmonics, best.tolist(), strict=True)
+    amplitudes, phases_of_best = tuple(size.tolist()), tuple(best.tolist())
+    return _from_zero(Multisine(period, first.harmonics, amplitudes, phases_of_best, start))
+
+
+def _from_zero(multisine: Multisine) -> Multisine:
+    """Return a multisine shifted in time within its period, so that it begins at zero."""
+    shift = _first_zero(replace(multisine, start=0.0))
+    phases = tuple(
+        phase + 2.0 * math.pi * harmonic * shift / multisine.period
+        for harmonic, phase in zip(multisine.harmonics, multisine.phases, strict=True)
     )
-    return Multisine(period, first.harmonics, amplitudes, turned, start, cycles=1)
+    return replace(multisine, phases=phases)
 
 
 def _first_zero(multisine: Multisine) -> float:

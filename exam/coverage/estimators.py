@@ -27,7 +27,7 @@ from sim.errors import FlightidError
 from sim.record import Hold
 
 ESTIMATORS = ("output-error", "filter-error", "equation-error", "frequency-domain", "ekf", "ukf")
-LOW, HIGH = 0.93, 0.97  # of the two-sigma coverage: where it should be
+LOW, HIGH = 0.93, 0.97  # acceptable two-sigma coverage
 BEGIN, END = "<!-- coverage table: begin -->", "<!-- coverage table: end -->"
 Cell = tuple[str, str, str]
 

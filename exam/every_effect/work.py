@@ -1,5 +1,5 @@
-"""Flights with one effect each as tasks: a row has what was hidden, what the loop concluded, and
-how far its numbers are off.
+"""Flights with one hidden effect each, as tasks. A row has the hidden effect, the conclusion of the
+loop, and the errors of its numbers.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from functools import cached_property
 from pathlib import Path
 from time import process_time
 
+from exam.every_effect.carriers import Instance, chosen, effect_of
 from exam.every_effect.flight import Flown, fly_hidden, write_hidden
-from exam.every_effect.kinds import Instance, chosen, effect_of
 from exam.scores.scored_flight import (
     Outcome,
     ScoredFlight,
@@ -30,7 +30,7 @@ from scenarios.diagnosis.diagnose import Tracing, diagnose_files
 from scenarios.tasks.work import Cell, Row, RowTable, Task
 from sim.declaration.proposal import RangedCurve
 
-TAKEN = "diagnosis_seconds"  # of the processor
+TAKEN = "diagnosis_seconds"  # processor time
 COLUMNS = {
     **{
         "effect": "text",
@@ -62,9 +62,12 @@ COLUMNS = {
 
 @dataclass(frozen=True)
 class HiddenEffectFlight:
-    """One flight of the campaign: its task's number and seed, the ``effect`` it was flown for, what
-    was ``hidden`` (empty: nothing) with local ``values`` in SI, its ``size`` in sigmas, how it is
-    marked, and the errors of the declared ``derivatives`` in reported sigmas."""
+    """One flight of the campaign.
+
+    It has the number and seed of its task, the ``effect`` for which it was flown, the ``hidden``
+    effect (empty if nothing is hidden) with local ``values`` in SI and its ``size`` in sigmas, the
+    score, and the errors of the declared ``derivatives`` in reported sigmas.
+    """
 
     number: int
     seed: int
@@ -81,11 +84,11 @@ class HiddenEffectFlight:
 
 @dataclass(frozen=True)
 class EveryEffect:
-    """The campaign: in each turn one flight for each of some ``effects``, all of the library where
-    it is None.
+    """The campaign: in each turn one flight for each of some ``effects``, None for all of the
+    library.
 
-    Flight k is of effect ``k mod n`` of n, so that a campaign with more flights an effect has the
-    same first ones.
+    Flight k has effect ``k mod n`` of n. A campaign with more flights for each effect therefore
+    begins with the same flights.
     """
 
     effects: tuple[str, ...] | None = None
@@ -104,7 +107,9 @@ class EveryEffect:
 
     @cached_property
     def kinds(self) -> Mapping[str, tuple[Instance, ...]]:
-        """What is hidden, by name. Raises DeclarationError for an effect that the library lacks."""
+        """Names of the hidden effects. Raises DeclarationError for an effect that the library
+        lacks.
+        """
         return chosen(self.effects)
 
     def identity(self) -> Mapping[str, object]:
@@ -120,14 +125,14 @@ class EveryEffect:
         return [self._row(task) for task in tasks]
 
     def fly(self, task: Task) -> Flown:
-        """The flight of a task."""
+        """Fly the flight of a task."""
         names = tuple(self.kinds)
         return fly_hidden(
             self.kinds[names[task.number % len(names)]], task.number // len(names), task.seed
         )
 
     def read(self, table: RowTable) -> list[HiddenEffectFlight]:
-        """Flights of a table that have a row, in order."""
+        """Return the flights of a table that have a row, in order."""
         return [_read(table, at) for at in range(len(table)) if not table.columns["error"][at]]
 
     def _row(self, task: Task) -> Row:
@@ -165,7 +170,7 @@ class EveryEffect:
 
 
 def scored_flight_of(flown: Flown, tracing: Tracing) -> ScoredFlight:
-    """A diagnosis held against what was hidden."""
+    """Score a diagnosis by the hidden effect."""
     d, claims = tracing.diagnosis, claims_of(tracing.diagnosis)
     right = right_names(flown)
     false = tuple(
@@ -191,8 +196,10 @@ def scored_flight_of(flown: Flown, tracing: Tracing) -> ScoredFlight:
 
 
 def right_names(flown: Flown) -> frozenset[str]:
-    """Names that are right: that of the effect, those of the same fault, and where its size makes
-    it the same thing, another's.
+    """Return the names that count as right.
+
+    They are the name of the effect, names of the same fault, and the name of another effect that
+    equals it at this size.
     """
     if not flown.name:
         return frozenset()
@@ -206,7 +213,7 @@ def right_names(flown: Flown) -> frozenset[str]:
 
 
 def derivative_errors(flown: Flown, tracing: Tracing) -> dict[str, float]:
-    """Errors of the declared parameters in reported sigmas, with what is claimed."""
+    """Return the errors of the declared parameters, with the claims, in reported sigmas."""
     true, after = flown.carrier.train.model.parameters, tracing.diagnosis.after
     errors = {
         name: (after[name].value - true[name].value) / after[name].std
@@ -217,8 +224,9 @@ def derivative_errors(flown: Flown, tracing: Tracing) -> dict[str, float]:
 
 
 def _comparable(flown: Flown) -> Mapping[str, float]:
-    """True values of what a diagnosis may estimate. Of a curve none: its coefficients hang on the
-    range that the search saw.
+    """Return the true values that a diagnosis may estimate.
+
+    Coefficients of curves are left out, because they depend on the range that the search saw.
     """
     return (
         {}

@@ -1,4 +1,4 @@
-"""Damping that changes with the angle of attack: outside the library of effects."""
+"""Pitch damping that depends on the angle of attack; not an effect of the library."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sim.declaration.effect import Parameter, Regularity, Signal, Station
 
 @dataclass(frozen=True)
 class AlphaRateProduct:
-    """moment += ``moment`` alpha q, in the moment's unit by rad2/s."""
+    """moment += ``moment`` alpha q, in the unit of the moment per rad2/s."""
 
     name: ClassVar[str] = "own:alpha-rate-product"
     station: ClassVar[Station] = Station.DYNAMICS

@@ -1,5 +1,5 @@
-"""The filter ahead of a recorder's converter: on every channel of a measured flight, and in no
-model.
+"""The anti-alias filter of a recorder, which acts on every channel of a measured flight and is in
+no model.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from sim.maths import linear_recurrence
 
 @dataclass(frozen=True)
 class AntiAliasFilter:
-    """Butterworth's second-order low pass: y_ddot = w^2 (v - y) - sqrt(2) w y_dot, w = 2 pi
-    ``corner`` (Hz), settled at the start; none at zero.
+    """Second-order Butterworth low pass: y_ddot = w^2 (v - y) - sqrt(2) w y_dot, w = 2 pi
+    ``corner`` (Hz).
 
-    Late by sqrt(2)/w where the signal is slow. The same filter on input and outputs leaves a linear
-    model as it is.
+    It is settled at the start, and absent at a corner of zero. A slow signal is late by sqrt(2)/w.
+    The same filter on input and outputs does not change a linear model.
     """
 
     channel: str
@@ -35,8 +35,8 @@ class AntiAliasFilter:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"corner": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
-        "The recorder's filter cuts what its sampling could not show. What is left comes late, by "
-        "as much in every channel."
+        "The filter of the recorder removes frequencies that its sampling cannot show. The "
+        "remaining signal is late, by the same time in every channel."
     )
 
     @property
@@ -48,11 +48,11 @@ class AntiAliasFilter:
         return (f"sensor-lag:{self.channel}", f"sensor-delay:{self.channel}")
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
-        """Exact response to a channel that runs straight from ``begin`` to ``end`` of each sub-step
-        and may jump between.
+        """Return the exact response to a channel that is linear from ``begin`` to ``end`` of each
+        sub-step and may jump between sub-steps.
 
-        Twice the real part of one complex lag: z_dot = r z + c v, r = w (-1 + i)/sqrt(2), c = -i
-        w/sqrt(2).
+        It is twice the real part of one complex lag: z_dot = r z + c v, r = w (-1 + i)/sqrt(2), c =
+        -i w/sqrt(2).
         """
         if p.corner <= 0.0:
             return begin, end

@@ -1,4 +1,4 @@
-"""A vane that feels the control surface: outside the library of effects."""
+"""A vane that is affected by the control surface; not an effect of the library."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from sim.declaration.effect import Parameter, Regularity, Station
 
 @dataclass(frozen=True)
 class ControlUpwash:
-    """alpha reads alpha + ``gain`` d, d the elevator (rad) or the pseudo-control in the stick's
-    unit.
+    """alpha_m = alpha + ``gain`` d, where d is the elevator (rad) or the pseudo-control (unit of
+    the stick).
     """
 
     name: ClassVar[str] = "own:control-upwash"

@@ -1,4 +1,4 @@
-"""A vane whose calibration bends at both ends alike: outside the library of effects."""
+"""A vane with a cubic calibration error; not an effect of the library."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sim.declaration.effect import Parameter, Regularity, Station
 
 @dataclass(frozen=True)
 class CubicVane:
-    """alpha reads alpha + ``cubic`` alpha^3 (1/rad2); the library's curve has the square."""
+    """alpha_m = alpha + ``cubic`` alpha^3 (1/rad2); the curve of the library has the square."""
 
     name: ClassVar[str] = "own:cubic-vane"
     channel: ClassVar[str] = "alpha"

@@ -1,4 +1,4 @@
-"""Lift and moment that bend a little: what a linear model of any aircraft leaves out."""
+"""Slightly nonlinear lift and moment, which a linear model of any aircraft neglects."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from sim.declaration.effect import Parameter, Regularity, Signal, Station
 
 @dataclass(frozen=True)
 class CurvedLoads:
-    """moment += ``moment_square`` alpha^2 + ``moment_cube`` alpha^3, lift likewise; 1/rad2 and
-    1/rad3, the gust included.
+    """moment += ``moment_square`` alpha^2 + ``moment_cube`` alpha^3, in 1/rad2 and 1/rad3; lift
+    likewise. alpha includes the gust.
     """
 
     name: ClassVar[str] = "own:curved-loads"

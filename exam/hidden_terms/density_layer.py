@@ -1,4 +1,4 @@
-"""A layer of thicker or thinner air: outside the library of effects."""
+"""A layer of denser or thinner air; not an effect of the library."""
 
 from __future__ import annotations
 

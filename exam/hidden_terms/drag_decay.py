@@ -1,4 +1,4 @@
-"""Drag of a falling body that changes all along the fall: outside the library of effects."""
+"""Drag of a falling body that changes steadily during the fall; not an effect of the library."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drag of a falling body that swings: outside the library of effects."""
+"""Drag of a falling body that oscillates; not an effect of the library."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Speed traded for height by the energy of flight: another form than the library's phugoid."""
+"""Exchange of speed and height by the energy of flight: another form than the library's phugoid."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from sim.maths import G0, cos, sqrt
 
 @dataclass(frozen=True)
 class EnergyExchange:
-    """V^2/2 + g h = V0^2/2 + e: nothing is linearised, neither the speed nor the path, and there is
-    no state of speed.
+    """V^2/2 + g h = V0^2/2 + e, without linearisation of speed or path and without a state of
+    speed.
 
     h_dot = V sin(gamma), e_dot = V (thrust - drag)/m, theta_dot = q, gamma = ``path`` + theta -
-    alpha, rad up. The lift m g0 of level flight at V0 goes with V^2: V gamma_dot = L/m - g0
-    cos(gamma), and nz is L/(m g0) - 1. Thrust is constant, drag = thrust (1 - ``induced``) (V/V0)^2
-    + thrust ``induced`` (CL/CL0)^2 (V/V0)^2, thrust = ``weight_share`` m g0. ``gravity`` (1 or 0)
-    puts it in or leaves it out.
+    alpha, rad, up. The lift m g0 of level flight at V0 is proportional to V^2: V gamma_dot = L/m -
+    g0 cos(gamma), and nz is L/(m g0) - 1. Thrust is constant, drag = thrust (1 - ``induced``)
+    (V/V0)^2 + thrust ``induced`` (CL/CL0)^2 (V/V0)^2, thrust = ``weight_share`` m g0. ``gravity``
+    (1 or 0) switches the effect on or off.
     """
 
     name: ClassVar[str] = "own:energy-exchange"

@@ -1,4 +1,4 @@
-"""A moment of one size against the motion: outside the library of effects."""
+"""A moment of constant size that opposes the motion; not an effect of the library."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from sim.maths import sqrt
 
 @dataclass(frozen=True)
 class Friction:
-    """moment -= ``size`` q/sqrt(q^2 + ``width``^2), width in rad/s: the same against any rate well
-    beyond the width.
+    """moment -= ``size`` q/sqrt(q^2 + ``width``^2), width in rad/s. The moment does not depend on
+    the size of a rate much larger than the width.
     """
 
     name: ClassVar[str] = "own:friction"

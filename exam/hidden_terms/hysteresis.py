@@ -1,4 +1,4 @@
-"""A moment that remembers which way the nose went last: outside the library of effects."""
+"""A moment with hysteresis in the pitch rate; not an effect of the library."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sim.maths import absolute
 class Hysteresis:
     """moment += ``size`` z, z_dot = (q - |q| z)/``width``.
 
-    z runs to the sign of q while the nose turns by ``width``, rad, and stays where the nose rests.
+    z tends to the sign of q over a rotation by ``width``, rad, and is constant at rest.
     """
 
     name: ClassVar[str] = "own:hysteresis"

@@ -1,4 +1,4 @@
-"""Lift and moment that build up in two stages: outside the library of effects."""
+"""Lift and moment that build up in two stages; not an effect of the library."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ class TwoStageLoads:
     """moment += ``moment`` (alpha - late), lift += ``lift`` (alpha - late), late = 0.6 fast + 0.4
     slow.
 
-    fast_dot = (alpha - fast)/``fast``, slow_dot = (alpha - slow)/``slow``, s: loads that overshoot
-    after a change of the angle of attack.
+    fast_dot = (alpha - fast)/``fast``, slow_dot = (alpha - slow)/``slow``, time constants in s. The
+    loads overshoot after a change of the angle of attack.
     """
 
     name: ClassVar[str] = "own:lagged-loads"

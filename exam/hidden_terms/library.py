@@ -10,12 +10,12 @@ from sim.declaration.model import Equations
 
 
 def every_term() -> Mapping[str, Effect]:
-    """Terms that the effect library does not have, by name."""
+    """Return the terms that the effect library does not have, by name."""
     return {**own_terms(), **own_terms("exam.hidden_terms")}
 
 
 def find_any_term(name: str, equations: Equations, where: str) -> Effect:
-    """An effect of the library or one of ``every_term``; raises DeclarationError as
+    """Return an effect of the library or one of ``every_term``; raise DeclarationError as
     ``find_term``.
     """
     return find_term(name, equations, where, every_term())

@@ -1,6 +1,4 @@
-"""Drag of a falling body that steps with the Mach number: another form than the library's
-spline.
-"""
+"""Drag of a falling body with a step over the Mach number: another form than in the library."""
 
 from __future__ import annotations
 
@@ -17,7 +15,7 @@ from sim.maths import absolute, sqrt
 class MachDrag:
     """log drag += ``size`` z/sqrt(1 + z^2), z = (M - ``middle``)/``width``, M = speed/300 m/s.
 
-    The library's speed of sound is that of the standard atmosphere, and its curve a spline.
+    The library has the speed of sound of the standard atmosphere, and a spline as the curve.
     """
 
     name: ClassVar[str] = "own:mach-drag"

@@ -1,4 +1,4 @@
-"""Pitch damping that grows with the rate itself: outside the library of effects."""
+"""Pitch damping that increases with the rate; not an effect of the library."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from sim.maths import absolute
 
 @dataclass(frozen=True)
 class RateDamping:
-    """moment += ``size`` q |q|, ``size`` in the moment's unit by (rad/s)2; negative damps."""
+    """moment += ``size`` q |q|, ``size`` in the unit of the moment per (rad/s)2; a negative size
+    damps.
+    """
 
     name: ClassVar[str] = "own:rate-damping"
     station: ClassVar[Station] = Station.DYNAMICS

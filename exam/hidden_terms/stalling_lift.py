@@ -14,7 +14,7 @@ from sim.declaration.effect import Parameter, Regularity, Signal, Station
 class StallingLift:
     """lift -= ``loss`` alpha (alpha/``width``)^2 / (1 + (alpha/``width``)^2).
 
-    The slope of CL falls by ``loss`` (1/rad) far beyond ``width`` (rad).
+    Far beyond ``width`` (rad) the slope of CL is smaller by ``loss`` (1/rad).
     """
 
     name: ClassVar[str] = "own:stalling-lift"

@@ -1,4 +1,4 @@
-"""A centre of gravity that travels along the record: outside the library of effects."""
+"""A centre of gravity that moves during the record; not an effect of the library."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from sim.declaration.effect import Parameter, Regularity, Signal, Station
 
 @dataclass(frozen=True)
 class TravellingMass:
-    """moment += ``rate`` t alpha, ``rate`` in 1/(rad s): the stability grows or shrinks steadily
-    from the record's begin.
+    """moment += ``rate`` t alpha, ``rate`` in 1/(rad s): the stability changes steadily from the
+    begin of the record.
     """
 
     name: ClassVar[str] = "own:travelling-mass"

@@ -1,4 +1,4 @@
-"""A control surface that loses power at large deflections: another form than the library's
+"""A control surface whose effect falls at large deflections: another form than the library's
 spline.
 """
 
@@ -14,7 +14,7 @@ from sim.declaration.effect import Parameter, Regularity, Signal, Station
 
 @dataclass(frozen=True)
 class WeakeningControl:
-    """The elevator works like d - ``cubic`` d^3 (1/rad2), in lift and in moment."""
+    """The elevator acts as d - ``cubic`` d^3 (1/rad2), in lift and in moment."""
 
     name: ClassVar[str] = "own:weakening-control"
     station: ClassVar[Station] = Station.DYNAMICS

@@ -1,2 +1,1 @@
-"""Flights of simulators that share no code with the tracing loop, and grades of what it says of
-them."""
+"""Flights of simulators that share no code with the tracing loop, and grades of its answers."""

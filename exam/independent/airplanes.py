@@ -1,18 +1,18 @@
-"""Three airplanes with published nonlinear aerodynamics: Beaver, generic transport (sub-scale),
-F-4.
+"""Three airplanes with published nonlinear aerodynamics: Beaver, generic transport, F-4.
 
-Beaver: polynomials that were identified from flights of the de Havilland Canada DHC-2 between
-30 and
-55 m/s (Tjee and Mulder, Stability and Control Derivatives of the De Havilland DHC-2 "Beaver"
-Aircraft, report LR-556, Delft University of Technology, 1988, tables 2 and 3; the model of Rauw's
-FDC toolbox). The term in the rate of sideslip is left out, as there.
+Beaver: polynomials that were identified from flights of the de Havilland Canada DHC-2 between 30
+and 55 m/s (Tjee and Mulder, Stability and Control Derivatives of the De Havilland DHC-2 "Beaver"
+Aircraft, report LR-556, Delft University of Technology, 1988, tables 2 and 3). As in the model of
+Rauw's FDC toolbox, the term in the rate of sideslip is left out.
 
 Generic transport and F-4: the global polynomials of Grauer and Morelli (Generic Global Aerodynamic
 Model for Aircraft, Journal of Aircraft 52(1), 2015), fitted to the nonlinear tables of NASA's
-sub-scale airliner and of the F-4. Masses of the F-4 after Heffley and Jewell (NASA CR-2144, 1972).
-The numbers were taken from public transcriptions of these reports, not from the reports; signs of
-controls are set to one convention: a trailing edge down lifts and pitches down, a right aileron
-trailing edge down rolls left, a rudder trailing edge left pushes right and yaws left.
+sub-scale airliner and of the F-4. Masses of the F-4 are those of Heffley and Jewell (NASA CR-2144,
+1972).
+
+The numbers were taken from public transcriptions of these reports. Controls have one sign
+convention: an elevator trailing edge down increases lift and pitches down, a right aileron trailing
+edge down rolls left, and a rudder trailing edge left pushes right and yaws left.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ Aerodynamics = Callable[..., Six]
 class Airplane:
     """An airplane in a level flight condition, SI.
 
-    ``coefficients`` gives CX, CY, CZ, Cl, Cm, Cn along body axes (x forward, y right, z down) from
-    alpha, beta (rad, against the air), p b/2V, q c/2V, r b/2V, elevator, aileron, rudder (rad) and
-    the propeller's pressure rise; the last is zero where the thrust is a force of its own, at
-    ``thrust_arm`` m below the c.g. ``inertia`` is Ixx, Iyy, Izz, Ixz. ``servo`` is natural
-    frequency
-    (rad/s) and damping ratio of the surfaces' servos.
+    ``coefficients`` returns CX, CY, CZ, Cl, Cm, Cn along body axes (x forward, y right, z down) for
+    alpha, beta (rad, relative to the air), p b/2V, q c/2V, r b/2V, elevator, aileron, rudder (rad)
+    and the pressure rise of the propeller. The pressure rise is zero for an airplane whose thrust
+    is a separate force, at ``thrust_arm`` m below the centre of gravity. ``inertia`` is Ixx, Iyy,
+    Izz, Ixz. ``servo`` has the natural frequency (rad/s) and the damping ratio of the surfaces'
+    servos.
     """
 
     name: str
@@ -54,7 +54,9 @@ class Airplane:
 def beaver(
     a: float, b: float, p: float, q: float, r: float, de: float, da: float, dr: float, rise: float
 ) -> Six:
-    """Body-axis coefficients of the DHC-2; its pitch rate is made non-dimensional with c/V."""
+    """Return the body-axis coefficients of the DHC-2, whose pitch rate is made non-dimensional with
+    c/V.
+    """
     q = 2.0 * q
     along = (
         -0.03554
@@ -106,14 +108,14 @@ def beaver(
 
 
 def _body(a: float, lift: float, drag: float) -> tuple[float, float]:
-    """Coefficients along body x and z from lift and drag."""
+    """Return the coefficients along body x and z from lift and drag."""
     return lift * math.sin(a) - drag * math.cos(a), -lift * math.cos(a) - drag * math.sin(a)
 
 
 def generic_transport(
     a: float, b: float, p: float, q: float, r: float, de: float, da: float, dr: float, rise: float
 ) -> Six:
-    """Body-axis coefficients of NASA's sub-scale generic transport."""
+    """Return the body-axis coefficients of NASA's sub-scale generic transport."""
     lift = (
         0.016
         + (5.343 + (0.506 + (-36.30 + 46.13 * a) * a) * a) * a
@@ -144,7 +146,7 @@ def generic_transport(
 def phantom(
     a: float, b: float, p: float, q: float, r: float, de: float, da: float, dr: float, rise: float
 ) -> Six:
-    """Body-axis coefficients of the F-4."""
+    """Return the body-axis coefficients of the F-4."""
     lift = (
         0.105
         + (1.519 + (9.90 + (-12.71 - 12.91 * a) * a) * a) * a
@@ -164,6 +166,7 @@ def phantom(
     return along, side, down, roll, pitch, yaw
 
 
+# At a height of 6000 ft.
 BEAVER = Airplane(
     "DHC-2 Beaver",
     2288.231,
@@ -175,7 +178,7 @@ BEAVER = Airplane(
     1.0270,
     beaver,
     propeller=True,
-)  # 6000 ft
+)
 TRANSPORT = Airplane(
     "generic transport",
     22.5,

@@ -1,9 +1,9 @@
-"""Causes that are planted into true signals, with the names that say them; written from their
-definitions in words.
+"""Causes that are added to true signals, with the effect names that are right answers; written from
+the definitions of the effects in words.
 
-They act on signals by channel name on a fine grid, before filters, sampling and noise, whatever
-simulator made them.
-A positive delay or lag is late, a positive arm is ahead of the centre of gravity.
+They act on signals by channel name on a fine grid, before filters, sampling and noise, for any
+simulator. A positive delay or lag makes a signal late, and a positive arm is ahead of the centre of
+gravity.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ Plant = Callable[[Signals, float], Signals]  # signals and the fine step (s) -> 
 
 @dataclass(frozen=True)
 class Scales:
-    """Sizes that causes are drawn in proportion to: chord or span over three (m), and the time
-    of the fast mode, 1/omega (s)."""
+    """Scales of the sizes of causes: chord or a third of the span (m), and the time of the fast
+    mode, 1/omega (s).
+    """
 
     length: float
     time: float
@@ -30,22 +31,24 @@ class Scales:
 
 @dataclass(frozen=True)
 class Cause:
-    """A planted cause and what it does to the signals."""
+    """A hidden cause and its action on the signals."""
 
     planted: Planted
     plant: Plant
 
 
 def shifted(values: np.ndarray, step: float, delay: float) -> np.ndarray:
-    """The signal ``delay`` s late (early where negative), by linear interpolation; its ends
-    repeat."""
+    """Return the signal ``delay`` s late (early if negative), by linear interpolation; its ends
+    repeat.
+    """
     time = step * np.arange(len(values))
     return np.interp(time - delay, time, values)
 
 
 def lagged(values: np.ndarray, step: float, lag: float) -> np.ndarray:
-    """First-order lag of ``lag`` s, exact for values that run straight between grid points, at
-    rest at the first."""
+    """Return the signal behind a first-order lag of ``lag`` s. It is exact for signals that are
+    linear between grid points, and begins at rest.
+    """
     keep = np.exp(-step / lag)
     out = np.empty_like(values)
     out[0], behind = values[0], 0.0
@@ -57,7 +60,7 @@ def lagged(values: np.ndarray, step: float, lag: float) -> np.ndarray:
 
 
 def with_play(values: np.ndarray, half_width: float) -> np.ndarray:
-    """A follower with play: it moves only when the values push it at ``half_width``."""
+    """Return a follower with play, which moves only when the signal pushes it at ``half_width``."""
     out = np.empty_like(values)
     at = values[0]
     for k, value in enumerate(values):
@@ -81,7 +84,7 @@ def _late_names(channel: str) -> tuple[str, ...]:
 
 
 def late_sensor(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
-    """A sensor whose values arrive late."""
+    """A sensor with a delay."""
     delay = float(rng.uniform(0.1, 0.25)) * min(scales.time, 0.4)
     delay = max(delay, 0.02)
     values = {f"sensor-delay:{channel}": {"delay": delay}}
@@ -92,7 +95,7 @@ def late_sensor(channel: str, scales: Scales, rng: np.random.Generator) -> Cause
 
 
 def lagging_sensor(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
-    """A sensor that follows with a first-order lag."""
+    """A sensor with a first-order lag."""
     lag = max(float(rng.uniform(0.12, 0.3)) * min(scales.time, 0.4), 0.03)
     values = {f"sensor-lag:{channel}": {"time_constant": lag}}
     planted = Planted(
@@ -102,7 +105,7 @@ def lagging_sensor(channel: str, scales: Scales, rng: np.random.Generator) -> Ca
 
 
 def wrong_scale(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
-    """A scale factor 6 to 20 % off; the zero stays where it was at the start."""
+    """A scale factor with an error of 6 to 20 %; the value at the start is unchanged."""
     scale = 1.0 + float(rng.uniform(0.06, 0.2) * rng.choice([-1.0, 1.0]))
     name = f"sensor-scale:{channel}"
     near = ("sensor-coupling:q",) if channel == "nz" else ()
@@ -111,7 +114,7 @@ def wrong_scale(channel: str, scales: Scales, rng: np.random.Generator) -> Cause
 
 
 def drifting(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
-    """A zero that wanders at a constant rate: 3 to 8 noise sigmas in 20 s."""
+    """A zero that drifts at a constant rate: 3 to 8 noise sigmas in 20 s."""
     slope = float(rng.uniform(3.0, 8.0) * rng.choice([-1.0, 1.0])) * SIGMA[channel] / 20.0
     name = f"sensor-drift:{channel}"
     planted = Planted(f"drift of {channel}", (name,), (), (channel,), {name: {"slope": slope}})
@@ -132,7 +135,7 @@ def zero_step(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
 
 
 def held(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
-    """Sample and hold at a low rate of its own."""
+    """Sample and hold at a low rate."""
     period = float(rng.uniform(0.08, 0.2))
     name = f"sensor-hold:{channel}"
 
@@ -147,7 +150,7 @@ def held(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
 
 
 def curved(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
-    """A calibration curve: 15 to 40 % off at 4 degrees from the start."""
+    """A nonlinear calibration: an error of 15 to 40 % at 4 degrees from the start."""
     curvature = float(rng.uniform(0.15, 0.4) * rng.choice([-1.0, 1.0])) / float(np.radians(4.0))
     name = f"sensor-curve:{channel}"
     planted = Planted(
@@ -157,7 +160,9 @@ def curved(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
 
 
 def boom(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
-    """A vane on a boom ahead of the c.g.: it feels the air of the aircraft's own rotation."""
+    """A vane on a boom ahead of the centre of gravity, which senses the rotation of the
+    aircraft.
+    """
     arm = float(rng.uniform(1.2, 3.0)) * scales.length
     about = "q" if channel == "alpha" else "r"
 
@@ -184,7 +189,9 @@ def boom(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
 
 
 def accelerometer_ahead(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
-    """An accelerometer ahead of or behind the c.g.: it feels the angular acceleration."""
+    """An accelerometer ahead of or behind the centre of gravity, which senses the angular
+    acceleration.
+    """
     arm = float(rng.uniform(0.8, 2.0) * rng.choice([-1.0, 1.0])) * scales.length
     about = "q" if channel == "nz" else "r"
     name = f"accelerometer-offset:{channel}"
@@ -203,7 +210,7 @@ def accelerometer_ahead(channel: str, scales: Scales, rng: np.random.Generator) 
 
 
 def recorded_late(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
-    """The record shows the input late."""
+    """The input is recorded late."""
     delay = float(rng.uniform(0.04, 0.1))
     planted = Planted(
         f"{channel} recorded late",
@@ -230,8 +237,9 @@ def follows_late(channel: str, scales: Scales, rng: np.random.Generator) -> Caus
 
 
 def _inputs(name: str, channel: str) -> tuple[str, ...]:
-    """An effect of an input, with and without the input's name: a model with one input has the
-    plain name."""
+    """Return the names of an effect with and without the input's name; a model with one input has
+    the name without it.
+    """
     return (name, f"{name}:{channel}")
 
 
@@ -240,7 +248,7 @@ def _valued(name: str, channel: str, parameter: str, value: float) -> dict[str, 
 
 
 def feels_load(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
-    """A rate gyro bent by the load factor, 0.01 to 0.03 rad/s per g."""
+    """A rate gyro that senses the load factor, 0.01 to 0.03 rad/s per g."""
     gain = float(rng.uniform(0.01, 0.03) * rng.choice([-1.0, 1.0]))
 
     def plant(signals: Signals, step: float) -> Signals:
@@ -257,7 +265,7 @@ def feels_load(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
 
 
 def cross_axis(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
-    """A yaw gyro that is turned a few degrees towards the roll axis."""
+    """A yaw gyro that is turned by a few degrees towards the roll axis."""
     share = float(rng.uniform(0.05, 0.12) * rng.choice([-1.0, 1.0]))
     name = "sensor-coupling:r"
     planted = Planted("p into r", (name,), (), ("r",), {name: {"share": share}})
@@ -281,7 +289,7 @@ def vane_with_play(channel: str, scales: Scales, rng: np.random.Generator) -> Ca
 
 
 def gyro_threshold(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
-    """A gyro that does not move below a threshold."""
+    """A gyro with a threshold."""
     width = float(np.radians(rng.uniform(0.4, 0.9)))
     name = f"sensor-deadband:{channel}"
     near = (f"sensor-curve:{channel}",)

@@ -1,5 +1,6 @@
 """`python -m exam independent`: fly the 120 flights, have them diagnosed from files alone, and
-grade the answers."""
+grade the answers.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ from exam.independent.grading import (
 from exam.scoring import share_of_flights
 
 ROOT = Path(__file__).parents[2]
-PATIENCE = 1800.0  # s for one diagnosis
+PATIENCE = 1800.0  # s, longest time of a diagnosis
 FIELDS = (
     "flight",
     "model",
@@ -47,14 +48,14 @@ FIELDS = (
     "predictable",
     "seconds",
 )
-RELIABILITY = ((0.0, 0.5), (0.5, 0.95), (0.95, 1.01))  # probabilities that names are said with
-NOTHING = "nothing"  # what is hidden in a clean flight
-MOST_ERROR = 1.1  # of the noise, on the held-out record
+RELIABILITY = ((0.0, 0.5), (0.5, 0.95), (0.95, 1.01))  # bins of the probabilities of names
+NOTHING = "nothing"  # label of a clean flight
+MOST_ERROR = 1.1  # largest good error on the held-out record, relative to the noise
 SIMULATORS, HALVES = ("jsbsim", "own"), ("tuning", "kept")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Fly, diagnose and grade; 2 with one line where the request makes no sense."""
+    """Fly, diagnose and grade; return 2 with one line for an invalid request."""
     asked = _parser().parse_args(arguments)
     if asked.out is None or (asked.score is None and None in (asked.set, asked.simulator)):
         remedy = "give --out with --set and --simulator, or with --score DIR"
@@ -129,7 +130,7 @@ def _existing(asked: Namespace) -> list[Path]:
 
 
 def _flown(asked: Namespace) -> list[Path]:
-    """Fly one half of one simulator's flights into the folder."""
+    """Fly half of the flights of one simulator into the folder."""
     fly: Callable[[int, Path, int], None]
     if asked.simulator == "jsbsim":
         from exam.independent import jsbsim_flights
@@ -148,8 +149,7 @@ def _flown(asked: Namespace) -> list[Path]:
 
 
 def diagnosed(folder: Path, study: Path, command: Sequence[str], model: str) -> Answer:
-    """Run `diagnose` in a process of its own on the files of a flight, unless its answer is
-    there already."""
+    """Run `diagnose` in a process of its own on the files of a flight, unless its answer exists."""
     kept = study.with_suffix(".json")
     if not kept.exists():
         trains = sorted(map(str, folder.glob("train-*.csv")))
@@ -171,8 +171,9 @@ def diagnosed(folder: Path, study: Path, command: Sequence[str], model: str) -> 
 
 
 def _run(line: Sequence[str], where: Path) -> tuple[int, str, float]:
-    """Exit code, end of the error stream and processor seconds of a command; a command that is
-    out of patience is stopped."""
+    """Return exit code, end of the error stream and processor seconds of a command; a command that
+    takes longer than ``PATIENCE`` is stopped.
+    """
     paths = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     environment["PYTHONPATH"] = paths
@@ -185,7 +186,9 @@ def _run(line: Sequence[str], where: Path) -> tuple[int, str, float]:
 
 
 def _waited(process: subprocess.Popen[bytes]) -> tuple[int, float]:
-    """Exit code and processor seconds with its children; NaN seconds where none are counted."""
+    """Return exit code and processor seconds, including children; NaN seconds if they are
+    unknown.
+    """
     if not hasattr(os, "wait4"):
         try:
             return process.wait(PATIENCE), float("nan")
@@ -204,7 +207,9 @@ def _waited(process: subprocess.Popen[bytes]) -> tuple[int, float]:
 
 
 def row_of(folder: Path, study: Path, command: Sequence[str]) -> dict[str, Any]:
-    """Diagnose one flight and hold the answer against its truth file: a row of ``flights.csv``."""
+    """Diagnose one flight and grade the answer by its truth file. Return a row of ``flights.csv``,
+    with the grade and its reason.
+    """
     truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
     answer = diagnosed(folder, study, command, truth["model"])
     found, why = grade(truth, answer)
@@ -241,8 +246,9 @@ def _write(path: Path, rows: Sequence[dict[str, Any]]) -> None:
 
 
 def summary(rows: Sequence[dict[str, Any]]) -> str:
-    """Grades by model, shares with exact intervals, sizes within three sigmas, held-out error,
-    processor seconds."""
+    """Return grades by model, shares with exact intervals, sizes within three sigmas, held-out
+    error, and processor seconds.
+    """
     groups: dict[str, Counter[str]] = {}
     for row in rows:
         for name in (f"{row['model']} {'clean' if _clean(row) else 'planted'}", "all"):

@@ -1,5 +1,6 @@
-"""From true signals on a fine grid to a folder: filters, sampling, noise, quantisation, CSV
-files, vehicle file and truth."""
+"""From true signals on a fine grid to a folder: filters, sampling, noise, quantisation, CSV files,
+vehicle file and truth.
+"""
 
 from __future__ import annotations
 
@@ -27,13 +28,14 @@ SIGMA: Mapping[str, float] = {
 }
 """Standard deviations of the sensors' noise, before filters, in SI units and g."""
 BEFORE_FILTER = 0.5  # share of the noise power that passes the anti-alias filter
-STEPS_PER_SIGMA = 4.0  # least bits of the recorder in a standard deviation
+STEPS_PER_SIGMA = 4.0  # quantisation steps in a standard deviation of the noise
 
 
 @dataclass(frozen=True)
 class Recorder:
-    """How signals are recorded: samples/s, cut-off of the filter of all channels (Hz, or None),
-    noise against `SIGMA`."""
+    """Settings of the recording: samples per second, cut-off of the filter of all channels (Hz, or
+    None), noise relative to `SIGMA`.
+    """
 
     rate: float
     cutoff: float | None
@@ -42,15 +44,15 @@ class Recorder:
 
 @dataclass(frozen=True)
 class Planted:
-    """One planted cause, as the truth file holds it.
+    """One hidden cause, as the truth file has it.
 
     Parameters
     ----------
     kind : the cause in words.
-    right : effect names that say it; empty where no effect of the library does.
-    near : names that the same record bears nearly as well. A claim of one is right where a name of
-        ``right`` is among its alternatives; of a cause outside the library it is not wrong.
-    words : columns or words by which a warning notices the cause.
+    right : effect names that are right; empty if the library has no effect for it.
+    near : names that fit the record nearly as well. A claim of one is right if a name of ``right``
+        is among its alternatives; for a cause outside the library it is not wrong.
+    words : columns or words by which a warning identifies the cause.
     values : true values by effect name and parameter, SI.
     """
 
@@ -62,7 +64,9 @@ class Planted:
 
 
 def filtered(values: np.ndarray, step: float, cutoff: float | None) -> np.ndarray:
-    """Second-order Butterworth low-pass at ``cutoff`` Hz, at rest at the first value."""
+    """Return the signal behind a second-order Butterworth low-pass at ``cutoff`` Hz, at rest at the
+    first value.
+    """
     if cutoff is None:
         return values
     b, a = butter(2, cutoff * 2.0 * step)
@@ -73,10 +77,10 @@ def filtered(values: np.ndarray, step: float, cutoff: float | None) -> np.ndarra
 def recorded(
     signals: Signals, step: float, inputs: Sequence[str], how: Recorder, rng: np.random.Generator
 ) -> tuple[np.ndarray, Signals, dict[str, float]]:
-    """Sample times, columns, and the standard deviation of what noise and least bits added to
-    each output.
+    """Return sample times, columns, and for each output the standard deviation of noise and
+    quantisation.
 
-    Inputs pass the same filter as outputs and have no noise.
+    Inputs have the same filter as outputs and no noise.
     """
     stride = round(1.0 / (how.rate * step))
     if abs(stride * how.rate * step - 1.0) > 1e-9:
@@ -92,7 +96,8 @@ def recorded(
         if how.cutoff is None:
             noise = sigma * rng.standard_normal(len(clean))
         else:
-            # White at the recorder's own rate, so that its level does not hang on the fine grid.
+            # White at the recorder's sample rate, so that its level does not depend on the fine
+            # grid.
             early = np.repeat(rng.standard_normal(len(clean)), stride)[: len(values)]
             early = filtered(early, step, how.cutoff)[::stride] * np.sqrt(BEFORE_FILTER)
             late = rng.standard_normal(len(clean)) * np.sqrt(1.0 - BEFORE_FILTER)
@@ -104,7 +109,7 @@ def recorded(
 
 
 def write_record(path: Path, time: np.ndarray, columns: Signals) -> None:
-    """A CSV file with units in its header."""
+    """Write a CSV file with units in its header."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["time [s]", *(f"{name} [{UNITS[name]}]" for name in columns)])
@@ -113,11 +118,11 @@ def write_record(path: Path, time: np.ndarray, columns: Signals) -> None:
 
 
 def wrong_starts(derivatives: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
-    """Derivatives 10 to 30 % off, up or down."""
+    """Draw derivatives with an error of 10 to 30 % of either sign."""
     share = rng.uniform(0.1, 0.3, len(derivatives)) * rng.choice([-1.0, 1.0], len(derivatives))
     return {
-        name: value * (1.0 + float(off))
-        for (name, value), off in zip(derivatives.items(), share, strict=True)
+        name: value * (1.0 + float(error))
+        for (name, value), error in zip(derivatives.items(), share, strict=True)
     }
 
 
@@ -128,8 +133,9 @@ def write_folder(
     starts: Mapping[str, float],
     truth: Mapping[str, Any],
 ) -> None:
-    """``train-1.csv`` and on, the last record as ``validate.csv``, ``vehicle.toml``, and
-    ``truth.json`` for the examiner alone."""
+    """Write ``train-1.csv`` and so on, the last record as ``validate.csv``, ``vehicle.toml``, and
+    ``truth.json`` for the examiner alone.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     for old in folder.glob("train-*.csv"):
         old.unlink()
@@ -155,7 +161,7 @@ def truth_of(
     derivatives: Mapping[str, float],
     notes: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """The content of ``truth.json`` without the noise."""
+    """Return the content of ``truth.json`` without the noise."""
     return {
         "model": model,
         "aircraft": aircraft,

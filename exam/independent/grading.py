@@ -1,4 +1,4 @@
-"""What an answer is worth, held against the truth file of a flight."""
+"""The grade of an answer, by the truth file of a flight."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-FEW_SIGMAS = 3.0  # a claimed size is said to hold within this many of its own standard deviations
+FEW_SIGMAS = 3.0  # largest error of a good claimed size, in its own standard deviations
 
 
 class Grade(Enum):
-    """The worth of one answer, best first."""
+    """The grade of one answer, the best first."""
 
     RIGHT = "right"
     NOTICED = "noticed"
@@ -29,8 +29,9 @@ class Grade(Enum):
 
 @dataclass(frozen=True)
 class Answer:
-    """How `diagnose` ended: exit code, content of ``diagnosis.json`` (empty where none), the
-    end of its error stream, processor seconds."""
+    """Result of `diagnose`: exit code, content of ``diagnosis.json`` (empty without one), end of
+    the error stream, processor seconds.
+    """
 
     code: int
     content: Mapping[str, Any]
@@ -39,11 +40,11 @@ class Answer:
 
     @property
     def claims(self) -> list[Mapping[str, Any]]:
-        """Claimed effects."""
+        """Return the claimed effects."""
         return [effect for effect in self.content.get("effects", []) if effect.get("claimed", True)]
 
     def warned_of(self, words: Sequence[str]) -> bool:
-        """Whether a warning or a finding about the record has one of the words."""
+        """Return whether a warning or a finding about the record has one of the words."""
         texts = [
             *self.content.get("warnings", []),
             *self.content.get("record", {}).get("findings", []),
@@ -53,7 +54,7 @@ class Answer:
 
 
 def alternatives(claim: Mapping[str, Any]) -> set[str]:
-    """Names that a claim gives as alternatives."""
+    """Return the names that a claim gives as alternatives."""
     return {
         str(other["name"] if isinstance(other, Mapping) else other)
         for other in claim.get("alternatives", [])
@@ -61,8 +62,9 @@ def alternatives(claim: Mapping[str, Any]) -> set[str]:
 
 
 def says(claim: Mapping[str, Any], cause: Mapping[str, Sequence[str]]) -> bool:
-    """Whether a claim names a cause: by a right name, or by a near one with a right one among
-    its alternatives."""
+    """Return whether a claim names a cause: by a right name, or by a similar one with a right one
+    among its alternatives.
+    """
     right = set(cause["right"])
     return claim["name"] in right or (
         claim["name"] in cause["near"] and bool(alternatives(claim) & right)
@@ -70,12 +72,11 @@ def says(claim: Mapping[str, Any], cause: Mapping[str, Sequence[str]]) -> bool:
 
 
 def grade(truth: Mapping[str, Any], answer: Answer) -> tuple[Grade, str]:
-    """The grade of an answer and what it said.
+    """Return the grade of an answer and its conclusion.
 
-    A cause outside the library (no right name) is told right by ``unexplained``, or by one of
-    its near
-    names. A claim that names no cause and is not harmless is a wrong name, whatever is claimed in
-    addition to it. A flight with nothing planted is right without claims and without alarm.
+    For a cause outside the library (without a right name), ``unexplained`` or a similar name is
+    right. A claim that names no cause and is not harmless is wrong, regardless of other claims. A
+    flight without a hidden cause is right without claims and without a warning.
     """
     if answer.code == 2:
         return Grade.REFUSED, answer.said
@@ -103,16 +104,18 @@ def grade(truth: Mapping[str, Any], answer: Answer) -> tuple[Grade, str]:
 
 
 def predictable(truth: Mapping[str, Any]) -> bool:
-    """Whether the library has every cause and a free simulation can reach the noise: turbulence
-    recurs otherwise."""
+    """Return whether the library has every cause and a free simulation can reach the noise, which
+    is not so for turbulence.
+    """
     return all(
         cause["right"] and "gust-turbulence" not in cause["right"] for cause in truth["accepted"]
     )
 
 
 def sizes(truth: Mapping[str, Any], answer: Answer) -> list[float]:
-    """Distances of claimed sizes from the true ones, in their own standard deviations, where
-    the claim is a planted one."""
+    """Return the distances of claimed sizes from the true ones, in their own standard deviations,
+    for claims of a hidden cause.
+    """
     distances = []
     for claim in answer.claims:
         for parameter, true in truth["values"].get(claim["name"], {}).items():
@@ -123,7 +126,7 @@ def sizes(truth: Mapping[str, Any], answer: Answer) -> list[float]:
 
 
 def said_with(truth: Mapping[str, Any], answer: Answer) -> list[tuple[float, bool]]:
-    """Probability that each claim is said with, and whether it names a cause or is harmless."""
+    """Return the probability of each claim, and whether it names a cause or is harmless."""
     causes, harmless = truth["accepted"], set(truth["harmless"])
     harmless |= {name for cause in causes if not cause["right"] for name in cause["near"]}
     known = [cause for cause in causes if cause["right"]]
@@ -145,8 +148,9 @@ def _columns(path: Path) -> dict[str, np.ndarray]:
 
 
 def held_out(folder: Path, study: Path, truth: Mapping[str, Any], when: str = "after") -> float:
-    """Root mean square error on the held-out record over the noise, of the worst channel; NaN
-    where nothing is predicted."""
+    """Return the root mean square error on the held-out record over the noise, for the worst
+    channel; NaN without a prediction.
+    """
     written = study / "validate_prediction.csv"
     if not written.exists():
         return float("nan")

@@ -1,8 +1,8 @@
-"""Sixty flights by JSBSim: its own aircraft, equations and trim; the causes are planted into
-their true signals.
+"""Sixty flights by JSBSim, with its own aircraft, equations and trim; the hidden causes are added
+to its true signals.
 
-An even number belongs to whoever tunes the loop, an odd one is kept from them. Each cause is flown
-twice, once for either half, by different aircraft.
+Even numbers are for tuning the loop, odd ones are kept from it. Each cause is flown twice, once in
+either half, by different aircraft.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ from tests.independent.jsbsim_aircraft import AIRCRAFT, Aircraft, Condition, at
 from tests.independent.jsbsim_flight import RoughAir, fly
 
 SEED = 37
-# Log likelihood that curved tables may be worth in the records to fit: nobody should see them.
+# Largest gain of log likelihood by the nonlinearity of tables in the records to fit, which should
+# not be detectable.
 MOST_GAIN = 4.0
 MORE = (
     Aircraft("787-8", at((25000, 290), (22000, 285))),
@@ -91,7 +92,7 @@ def _ready(number: int, second: bool) -> Rehearsed:
 def fly_flight(number: int, folder: Path, draw: int = 0) -> None:
     """Fly number 1 to `COUNT` and write its folder; the same number and draw give the same bytes.
 
-    Another draw has the same causes in the same order, by other aircraft and with other sizes.
+    Another draw has the same causes in the same order, with other aircraft and sizes.
     """
     rng = np.random.default_rng([SEED, 1, number, *([draw] if draw else [])])
     # Three aircraft apart in the two halves, so that each cause meets two aircraft.
@@ -149,11 +150,12 @@ def fly_flight(number: int, folder: Path, draw: int = 0) -> None:
 
 
 def _size(ready: Rehearsed, how: Recorder) -> tuple[float, float]:
-    """Elevator size at which the bend of the aircraft's tables gains at most `MOST_GAIN`, and
-    that bend in noise sigmas."""
+    """Return the elevator size at which the nonlinearity of the aircraft's tables gains at most
+    `MOST_GAIN`, and this nonlinearity in noise sigmas.
+    """
     samples = how.rate * sum(maneuver.duration for maneuver in ready.maneuvers[:-1])
     allowed, bend = float(np.sqrt(2.0 * MOST_GAIN / samples)), ready.bend / how.noise
-    # A bend grows with the square of the size.
+    # The nonlinearity is proportional to the square of the size.
     share = min(1.0, float(np.sqrt(allowed / bend)))
     return share * ready.size, share**2 * bend
 
@@ -163,7 +165,7 @@ def _air(condition: Condition, number: int, part: int) -> RoughAir:
 
 
 def _usable(derivatives: dict[str, float]) -> dict[str, float]:
-    """Starting values: a derivative that is nearly zero starts at a third of a usual one."""
+    """Return starting values; a derivative near zero starts at a third of a usual one."""
     usual = {
         "CL_alpha": 4.0,
         "CL_q": 5.0,
@@ -179,12 +181,12 @@ def _usable(derivatives: dict[str, float]) -> dict[str, float]:
 
 
 def signals_of(flight: Flight) -> Signals:
-    """The true signals of a flight by channel name."""
+    """Return the true signals of a flight by channel name."""
     return {
         name: flight.signal(name) for name in ("elevator", "alpha", "q", "nz", "theta", "airspeed")
     }
 
 
 def numbers(half: str) -> Sequence[int]:
-    """Numbers of a half: ``tuning`` has the even ones, ``kept`` the odd ones."""
+    """Return the flight numbers of a half: ``tuning`` has the even ones, ``kept`` the odd ones."""
     return range(2 if half == "tuning" else 1, COUNT + 1, 2)

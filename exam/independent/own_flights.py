@@ -1,8 +1,8 @@
-"""Sixty flights by the second simulator: longitudinal and lateral maneuvers of three airplanes,
-a third with nothing planted.
+"""Sixty flights by the second simulator: longitudinal and lateral maneuvers of three airplanes, a
+third without a hidden cause.
 
-An even number belongs to whoever tunes the loop, an odd one is kept from them. Each cause is flown
-twice, once for either half, by different airplanes and with other sizes.
+Even numbers are for tuning the loop, odd ones are kept from it. Each cause is flown twice, once in
+either half, by different airplanes and with other sizes.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ INPUTS = {
 
 @dataclass(frozen=True)
 class Act:
-    """A planted cause of the airplane, its surroundings or its sensors.
+    """A hidden cause of the airplane, its surroundings or its sensors.
 
-    ``hidden`` gives what acts in the equations on a record; ``flown`` what becomes of its commands,
-    where the record shows them as they were asked.
+    ``hidden`` returns the part that acts in the equations on a record. ``flown`` returns the
+    commands that act, if the record shows other ones.
     """
 
     cause: Cause
@@ -92,7 +92,7 @@ def turbulence(setting: Setting, rng: np.random.Generator) -> Act:
 
 
 def side_gust(setting: Setting, rng: np.random.Generator) -> Act:
-    """One gust from the side, 1 - cosine, in each record at another time."""
+    """One 1 - cosine gust from the side, in each record at another time."""
     counts = [len(next(iter(commands.values()))) for commands in setting.commands]
     length = float(rng.uniform(1.0, 2.5)) * max(setting.scales.time, 0.3)
     peak, starts = (
@@ -115,7 +115,7 @@ def side_gust(setting: Setting, rng: np.random.Generator) -> Act:
 
 
 def control_jump(setting: Setting, rng: np.random.Generator) -> Act:
-    """The elevator loses a quarter to two fifths of its effect at a time."""
+    """At one time the elevator loses a quarter to two fifths of its effect."""
     factor, share = float(rng.uniform(0.6, 0.75)), float(rng.uniform(0.3, 0.6))
     counts = [len(next(iter(commands.values()))) for commands in setting.commands]
     planted = Planted("jump of the elevator's effect", ("derivative-jump",), (), ("elevator",), {})
@@ -132,7 +132,7 @@ def _travel(setting: Setting, surface: str) -> float:
 
 
 def dead_band(surface: str) -> Draw:
-    """Play that a spring centres: near neutral the surface does not follow."""
+    """Play that is centred by springs: near neutral the surface does not follow."""
 
     def draw(setting: Setting, rng: np.random.Generator) -> Act:
         width = float(rng.uniform(0.15, 0.3)) * _travel(setting, surface)
@@ -153,7 +153,7 @@ def dead_band(surface: str) -> Draw:
 
 
 def saturation(surface: str) -> Draw:
-    """A stop that the recorded actuator passes and the surface does not."""
+    """A stop of the surface, which the recorded actuator does not have."""
 
     def draw(setting: Setting, rng: np.random.Generator) -> Act:
         limit = float(rng.uniform(0.45, 0.65)) * _travel(setting, surface)
@@ -177,8 +177,9 @@ def saturation(surface: str) -> Draw:
 
 
 def thrust_pulse(setting: Setting, rng: np.random.Generator) -> Act:
-    """One engine surges for a while: an unrecorded yawing moment, a fifth to a third of what
-    the rudder can give."""
+    """One engine has more thrust for some time: an unrecorded yawing moment, a fifth to a third of
+    the largest one of the rudder.
+    """
     plane = setting.plane
     pressed = 0.5 * plane.density * plane.airspeed**2 * plane.area
     arm = 0.15 * plane.span
@@ -198,8 +199,9 @@ def thrust_pulse(setting: Setting, rng: np.random.Generator) -> Act:
 
 
 def lagged_loads(setting: Setting, rng: np.random.Generator) -> Act:
-    """A part of lift and pitching moment follows the angle of attack late: no effect of the
-    library says it."""
+    """A part of lift and pitching moment follows the angle of attack late; not an effect of the
+    library.
+    """
     share, lag = float(rng.uniform(0.3, 0.6)), float(rng.uniform(0.5, 1.2)) * setting.scales.time
     planted = Planted(
         "lagged loads",
@@ -212,8 +214,9 @@ def lagged_loads(setting: Setting, rng: np.random.Generator) -> Act:
 
 
 def stall_hysteresis(setting: Setting, rng: np.random.Generator) -> Act:
-    """Flow that separates above an angle of attack and attaches again below a lower one: no
-    effect of the library says it."""
+    """Flow that separates above an angle of attack and reattaches below a lower one; not an effect
+    of the library.
+    """
     upper = float(np.radians(rng.uniform(0.9, 1.4)))
     stall = (upper, upper - float(np.radians(rng.uniform(0.8, 1.3))), float(rng.uniform(0.05, 0.1)))
     near = ("flow-separation", "lift-nonlinearity", "moment-nonlinearity")
@@ -224,7 +227,7 @@ def stall_hysteresis(setting: Setting, rng: np.random.Generator) -> Act:
 
 
 def thrust_lag(setting: Setting, rng: np.random.Generator) -> Act:
-    """The record holds the thrust that was asked, the engine follows with a lag."""
+    """The commanded thrust is recorded, and the engine follows with a lag."""
     lag = float(rng.uniform(0.7, 1.5))
     near = ("input-delay:thrust", "actuator-second-order:thrust", "actuator-rate-limit:thrust")
     planted = Planted(
@@ -276,7 +279,7 @@ COUNT = 2 * len(SPECS)
 def fly_flight(number: int, folder: Path, draw: int = 0) -> None:
     """Fly number 1 to `COUNT` and write its folder; the same number and draw give the same bytes.
 
-    Another draw has the same causes in the same order, by other airplanes and with other sizes.
+    Another draw has the same causes in the same order, with other airplanes and sizes.
     """
     model, causes = SPECS[(number - 1) // 2]
     rng = np.random.default_rng([SEED, 2, number, *([draw] if draw else [])])
@@ -324,7 +327,7 @@ def fly_flight(number: int, folder: Path, draw: int = 0) -> None:
 
 
 def vehicle_file(plane: Airplane, trim: Trim, model: str) -> dict[str, float]:
-    """The constants of the vehicle file."""
+    """Return the constants of the vehicle file."""
     ixx, iyy, izz, ixz = plane.inertia
     both = {"mass": plane.mass, "wing_area": plane.area}
     if model == "lateral":

@@ -1,5 +1,6 @@
-"""What a flight of the second simulator is before its causes: airplane, trim, maneuvers and
-their sizes, loops, recorder."""
+"""The settings of a flight of the second simulator, without its causes: airplane, trim, maneuvers
+and their sizes, loops, recorder.
+"""
 
 from __future__ import annotations
 
@@ -32,17 +33,19 @@ from tests.independent.maneuvers import (
     validation,
 )
 
-# Log likelihood that curved polynomials may be worth in the records to fit: nobody should see them.
+# Largest gain of log likelihood by nonlinear polynomials in the records to fit, which should not be
+# detectable.
 MOST_GAIN = 4.0
-SMALLEST = 0.3  # share of the full size below which a maneuver excites too little
+SMALLEST = 0.3  # smallest sufficient size of a maneuver, relative to the full size
 RATES = ("p", "q", "r")
 Commands = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A flight before its causes: airplane, trim, model of the vehicle file, commands of three
-    records, loops, recorder."""
+    """A flight without its causes: airplane, trim, model of the vehicle file, commands of three
+    records, loops, recorder.
+    """
 
     plane: Airplane
     trim: Trim
@@ -54,8 +57,9 @@ class Setting:
 
 
 def drawn_setting(number: int, model: str, rng: np.random.Generator) -> tuple[Setting, float]:
-    """Airplane, trim, maneuvers and recorder of a flight, and what curved polynomials leave in
-    noise sigmas."""
+    """Draw airplane, trim, maneuvers and recorder of a flight; return them with the residual by
+    nonlinear polynomials in noise sigmas.
+    """
     fleet = (TRANSPORT, PHANTOM) if model == "longitudinal" else AIRPLANES
     plane = at_speed(
         fleet[((number - 1) // 2 + (number - 1) % 2 + (number - 1) // 6) % len(fleet)],
@@ -79,7 +83,7 @@ def drawn_setting(number: int, model: str, rng: np.random.Generator) -> tuple[Se
 
 
 def fast_mode(plane: Airplane, trim: Trim, model: str) -> float:
-    """Frequency (rad/s) of short period or Dutch roll from the static stability."""
+    """Return the frequency (rad/s) of short period or Dutch roll from the static stability."""
     pressed = 0.5 * plane.density * plane.airspeed**2 * plane.area
     ixx, iyy, izz, _ = plane.inertia
     if model == "lateral":
@@ -95,8 +99,9 @@ def fast_mode(plane: Airplane, trim: Trim, model: str) -> float:
 def loops_of(
     plane: Airplane, true: Mapping[str, float], model: str, closed: bool, rng: np.random.Generator
 ) -> Loops:
-    """A hand that keeps the wings level, and in closed-loop flights a damper, perhaps with
-    attitude hold."""
+    """Return a pilot who keeps the wings level and, in closed-loop flights, a damper, perhaps with
+    attitude hold.
+    """
     if model == "lateral":
         damper = (
             float(rng.uniform(0.5, 1.5))
@@ -118,7 +123,7 @@ def loops_of(
 
 
 def maneuvers(model: str, tick: float) -> tuple[Commands, ...]:
-    """Commands of two records to fit and one to predict, of size one."""
+    """Return the commands of two records to fit and one to predict, of size one."""
     if model != "lateral":
         elevators = (*training(tick), validation(tick))
         thrusts = (
@@ -156,8 +161,9 @@ def maneuvers(model: str, tick: float) -> tuple[Commands, ...]:
 
 
 def sized(setting: Setting) -> tuple[Setting, float]:
-    """The setting with commands as large as the flight stands, and smaller where the
-    polynomials bend within it."""
+    """Return the setting with commands that are as large as the flight allows, and smaller if the
+    polynomials are too nonlinear within it.
+    """
     first = setting.commands[0]
     scale: dict[str, float] = {}
     for name in first:
@@ -188,7 +194,7 @@ def sized(setting: Setting) -> tuple[Setting, float]:
     )
     allowed, bend, share = float(np.sqrt(2.0 * MOST_GAIN / samples)), bend_of(whole), 1.0
     if bend > allowed:
-        # A bend grows with the square of the size.
+        # The nonlinearity is proportional to the square of the size.
         share = max(SMALLEST, float(np.sqrt(allowed / bend)))
         whole = replace(setting, commands=_scaled(setting.commands, scale, share))
         bend = bend_of(whole)
@@ -204,10 +210,11 @@ def _scaled(
 
 
 def _straight(setting: Setting, s: Signals) -> dict[str, tuple[np.ndarray, list[np.ndarray]]]:
-    """Loads and kinematics that straight lines should explain, by channel: values, and the
-    columns of the lines.
+    """Return the loads and kinematics that should be linear, by channel: values, and the columns of
+    the linear functions.
 
-    Rates of change count with the time of the fast mode, so that all are in units of their channel.
+    Rates of change are multiplied by the time of the fast mode, so that all are in units of their
+    channel.
     """
     one, pressure = np.ones(len(s["q"])), (s["airspeed"] / setting.plane.airspeed) ** 2
     pace = np.sqrt(pressure)
@@ -235,13 +242,15 @@ def _straight(setting: Setting, s: Signals) -> dict[str, tuple[np.ndarray, list[
 
 
 def _left(values: np.ndarray, columns: Sequence[np.ndarray]) -> float:
-    """Standard deviation of what lines over the columns leave."""
+    """Return the standard deviation of the residual of a linear fit."""
     matrix = np.stack(columns, axis=1)
     return float(np.std(values - matrix @ np.linalg.lstsq(matrix, values, rcond=None)[0]))
 
 
 def bend_of(setting: Setting) -> float:
-    """What straight lines leave on the records to fit, in noise sigmas of the worst channel."""
+    """Return the residual of linear fits on the records to fit, in noise sigmas of the worst
+    channel.
+    """
     worst = 0.0
     for commands in setting.commands[:2]:
         lines = _straight(setting, fly(setting.plane, setting.trim, commands, setting.loops))
@@ -279,9 +288,11 @@ models."""
 
 
 def amplification(setting: Setting) -> float:
-    """Response of the fast mode at its own frequency over the one at rest, 1/(2 zeta), at least 1.
+    """Return the response of the fast mode at its own frequency over the static one, 1/(2 zeta), at
+    least 1.
 
-    A curved moment is fed back at the frequency of the mode; a lightly damped one enlarges it.
+    A nonlinear moment is fed back at the frequency of the mode, and a lightly damped mode amplifies
+    it.
     """
     plane, trim = setting.plane, setting.trim
     states = [1, 3, 5, 6] if setting.model == "lateral" else [2, 4]
@@ -300,8 +311,9 @@ def amplification(setting: Setting) -> float:
 
 
 def true_curves(setting: Setting) -> list[str]:
-    """Curves that the airplane itself has and that a record may show: each worth more than
-    `MOST_GAIN` in log likelihood."""
+    """Return the nonlinearities of the airplane that a record may show: each gains more than
+    `MOST_GAIN` in log likelihood.
+    """
     offered = [name for name, (_, _, models) in CURVES.items() if setting.model in models]
     gains = dict.fromkeys(offered, 0.0)
     larger = amplification(setting)

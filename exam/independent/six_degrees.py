@@ -31,7 +31,8 @@ Linkage = Callable[[np.ndarray], np.ndarray]
 @dataclass(frozen=True)
 class Trim:
     """Level unaccelerated flight without bank: attitude, surfaces (rad), thrust (N, or a
-    propeller's pressure rise)."""
+    propeller's pressure rise).
+    """
 
     alpha: float
     beta: float
@@ -49,8 +50,9 @@ class Trim:
 
 @dataclass(frozen=True)
 class Loops:
-    """Feedback to the surfaces' commands: pitch rate (s), attitude (rad/rad), yaw rate (s), and
-    the hand on the wings (rad/rad, s)."""
+    """Feedback to the surfaces' commands: pitch rate (s), attitude (rad/rad), yaw rate (s), and the
+    pilot's bank angle control (rad/rad, s).
+    """
 
     pitch_rate: float = 0.0
     attitude: float = 0.0
@@ -61,7 +63,7 @@ class Loops:
 
 @dataclass(frozen=True, eq=False)
 class Hidden:
-    """What acts in the equations of motion and is in no record.
+    """Unrecorded causes in the equations of motion.
 
     Parameters
     ----------
@@ -161,15 +163,16 @@ def accelerations(
 
 
 def start_of(plane: Airplane, trim: Trim) -> list[float]:
-    """The state in trim."""
+    """Return the state in trim."""
     speed, cos_beta = plane.airspeed, math.cos(trim.beta)
     along, down = speed * math.cos(trim.alpha) * cos_beta, speed * math.sin(trim.alpha) * cos_beta
     return [along, speed * math.sin(trim.beta), down, 0.0, 0.0, 0.0, 0.0, trim.theta, 0.0, 0.0]
 
 
 def trimmed(plane: Airplane) -> Trim:
-    """Level flight at the airplane's airspeed by Newton's method; RuntimeError where it finds
-    none."""
+    """Return level flight at the airplane's airspeed by Newton's method; raise RuntimeError if it
+    finds none.
+    """
 
     def trim_of(x: np.ndarray) -> Trim:
         alpha, beta, de, da, dr, power = map(float, x)
@@ -269,7 +272,7 @@ def dryden(
 
 
 def servo_matrices(plane: Airplane) -> tuple[float, float, float, float, float, float]:
-    """Exact transition of a second-order servo over a step with its command held."""
+    """Return the exact transition of a second-order servo over a step with its command held."""
     omega, zeta = plane.servo
     beat = omega * math.sqrt(1.0 - zeta * zeta)
     keep, c, s = math.exp(-zeta * omega * STEP), math.cos(beat * STEP), math.sin(beat * STEP)
@@ -348,7 +351,7 @@ def _angle(state: Sequence[float], wind: Sequence[float], lateral: bool) -> floa
 
 
 def _seen(state: Sequence[float], wind: Sequence[float]) -> tuple[float, ...]:
-    """Speed and angles against the air, rates, bank and attitude."""
+    """Return speed and angles relative to the air, rates, bank and attitude."""
     u, v, w = state[0] - wind[0], state[1] - wind[1], state[2] - wind[2]
     speed = math.sqrt(u**2 + v**2 + w**2)
     return speed, math.atan2(w, u), math.asin(v / speed), *state[3:8]
@@ -365,7 +368,7 @@ def _stepped(
     surfaces: tuple[list[float], list[float]],
     wind: tuple[list[float], list[float]],
 ) -> list[float]:
-    """A Runge-Kutta step; surfaces and wind run straight from its start to its end."""
+    """Return the state after a Runge-Kutta step; surfaces and wind are linear in time within it."""
     middle = [0.5 * (one + other) for one, other in zip(*surfaces, strict=True)]
     air = [0.5 * (one + other) for one, other in zip(*wind, strict=True)]
     second = rates(_moved(state, first, 0.5 * STEP), middle, air)
@@ -376,7 +379,7 @@ def _stepped(
 
 
 def _in_air(trim: Trim, places: Sequence[float], hidden: Hidden, time: float) -> list[float]:
-    """Surfaces as the air sees them, behind their linkage."""
+    """Return the surfaces behind their linkage."""
     seen = [
         hidden.linkage[name](place) if name in hidden.linkage else place
         for name, place in zip(SURFACES, places, strict=True)
@@ -389,7 +392,7 @@ def _in_air(trim: Trim, places: Sequence[float], hidden: Hidden, time: float) ->
 def _power(
     plane: Airplane, trim: Trim, change: float, hidden: Hidden, time: float
 ) -> tuple[float, tuple[float, ...]]:
-    """Thrust, and the coefficients of a pulse that is in no record."""
+    """Return the thrust, and the coefficients of an unrecorded pulse."""
     power = trim.power + (0.0 if plane.propeller else change)
     if hidden.pulse is None:
         return power, (0.0,) * 6
@@ -404,7 +407,7 @@ def _power(
 def _unsteady(
     added: Sequence[float], hidden: Hidden, angle: float, late: float, separated: float
 ) -> tuple[float, ...]:
-    """Coefficients of loads that follow late, and of flow that stays separated."""
+    """Return the coefficients of loads that follow late, and of separated flow."""
     x, y, z, roll, pitch, yaw = added
     if hidden.lag is not None:
         share = hidden.lag[0]
@@ -420,7 +423,7 @@ def _unsteady(
 
 
 def _followed(hidden: Hidden, angle: float, late: float, separated: float) -> tuple[float, float]:
-    """States of the unsteady loads a step later."""
+    """Return the states of the unsteady loads after a step."""
     if hidden.lag is not None:
         late = angle + (late - angle) * math.exp(-STEP / hidden.lag[1])
     if hidden.stall is not None:
@@ -433,5 +436,5 @@ def _followed(hidden: Hidden, angle: float, late: float, separated: float) -> tu
 
 
 def at_speed(plane: Airplane, factor: float) -> Airplane:
-    """The airplane at another airspeed."""
+    """Return the airplane at another airspeed."""
     return replace(plane, airspeed=plane.airspeed * factor)

@@ -1,1 +1,1 @@
-"""Cases of an examination: flights drawn at random, what is hidden in them, and their scores."""
+"""Cases of a random examination: flights drawn at random with hidden causes, and their scores."""

@@ -1,15 +1,18 @@
-"""What a case is: the flight behind it, what may be hidden, and the score."""
+"""Kinds, cases and scores of a random examination, and the draws of sizes."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from exam.calibration import Statement
+from exam.scoring import Statement
 from sim.declaration.model import Model
 from sim.record import Record
+
+# ---- What a case is
 
 AIRCRAFT = ("rigid", "loes")
 ALL = ("rigid", "loes", "ballistic")
@@ -19,10 +22,10 @@ ALL = ("rigid", "loes", "ballistic")
 class Setting:
     """One record of a case, from which sizes are drawn.
 
-    ``peak`` the largest deflection in the control's unit, ``duration`` and ``interval`` (sampling)
-    in s. The three scales take sizes that are said for the rigid aircraft to the equations at hand:
-    ``moment`` and ``lift`` the unit of its ports in coefficients, ``control`` that of the control
-    in radians.
+    ``peak`` is the largest deflection in the control's unit; ``duration`` and ``interval``
+    (sampling) are in s. Sizes are given for the rigid aircraft. The three scales convert them to
+    other equations: ``moment`` and ``lift`` are the units of the ports in coefficients, ``control``
+    is that of the control in radians.
     """
 
     model: Model
@@ -34,7 +37,7 @@ class Setting:
     control: float = 1.0
 
     def value(self, name: str) -> float:
-        """A true parameter."""
+        """Return a true parameter."""
         return self.model.parameters[name].value
 
 
@@ -44,16 +47,20 @@ Spoil = Callable[[Record, Mapping[str, float], np.random.Generator], Record]
 
 @dataclass(frozen=True)
 class Kind:
-    """Something that may be hidden.
+    """A kind of hidden cause.
 
     Attributes
     ----------
-    draw : its parameters, from a generator and the setting. models : on which it is drawn; channels
-    : it needs to be seen. term : hides it in the flight; ``spoils`` : puts it into the finished
-    record instead. answer : the effect that names it, empty where nothing in the library does.
-    accepted : names that are no wrong claim beside the answer, and name it where there is none.
-    words : by which a warning names a recorder's fault. apart : drawn anew for the second record,
-    but the parameters in ``same``.
+    draw : draws the parameters, from a generator and the setting.
+    term : name of the term that acts in the flight.
+    answer : name of the effect that is the right answer; empty if the library has none.
+    models : models on which the kind is drawn.
+    channels : channels that must be recorded for the kind to be observable.
+    spoils : function that puts the kind into the finished record, instead of ``term``.
+    accepted : names that are not wrong in addition to the answer; without an answer they are right.
+    words : words by which a warning names a fault of the recorder.
+    apart : whether the parameters are drawn again for the second record.
+    same : parameters that are not drawn again.
     """
 
     draw: Draw
@@ -75,7 +82,7 @@ class Kind:
 
 @dataclass(frozen=True)
 class Case:
-    """One record pair with what is hidden in it; ``rate`` in samples a second."""
+    """One pair of records with a hidden cause; ``rate`` is in samples per second."""
 
     seed: int
     aircraft: str
@@ -90,7 +97,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Named:
-    """A name in an answer, and whether it is what was hidden."""
+    """A name in an answer, and whether it is a hidden cause."""
 
     name: str
     hidden: bool
@@ -98,18 +105,23 @@ class Named:
 
 @dataclass(frozen=True)
 class CaseScore:
-    """A case marked.
+    """The score of a case.
 
     Attributes
     ----------
-    verdict : ``refused`` where the files were not taken, ``failed`` where the loop broke off.
-    claimed : names claimed; ``claims`` : for each its name, then its alternatives.
-    right : the names are those hidden, or none where nothing is; of what no effect names,
-    ``unexplained``; of a recorder's fault also a word on it. wrong : a claim names what is not
-    there. errors : of derivatives, in reported standard deviations. held_out : the worst channel's
-    error over the noise, zero without a diagnosis. statements : the claims with what they were
-    weighed against, for the reliability of their probabilities. values : of what is hidden, in the
-    fitted record. seconds : of the processor, for the diagnosis. said : why there is no diagnosis.
+    verdict : verdict of the diagnosis; ``refused`` if the files were refused, ``failed`` if the
+        loop failed.
+    claimed : claimed names.
+    right : whether the names are the hidden ones, or none if nothing is hidden. For a cause without
+        a name ``unexplained`` is right; for a fault of the recorder also a warning about it.
+    wrong : whether a claim names a cause that is not there.
+    errors : errors of derivatives, in reported standard deviations.
+    held_out : error of the worst channel over the noise, zero without a diagnosis.
+    seconds : processor time of the diagnosis.
+    claims : names of each claim, followed by its alternatives.
+    statements : the claims with their truth, for the reliability of their probabilities.
+    values : values of the hidden causes in the fitted record.
+    said : reason why there is no diagnosis.
     """
 
     case: Case
@@ -124,3 +136,40 @@ class CaseScore:
     statements: tuple[Statement, ...] = ()
     values: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     said: str = ""
+
+
+# ---- How parameters of what is hidden are drawn
+
+
+def uniform(low: float, high: float, local: str) -> Draw:
+    """Draw uniformly in the logarithm."""
+    return lambda rng, s: {local: float(np.exp(rng.uniform(math.log(low), math.log(high))))}
+
+
+def share(low: float, high: float, local: str) -> Draw:
+    """Draw a share of the largest deflection."""
+    return lambda rng, s: {local: float(s.peak * rng.uniform(low, high))}
+
+
+def signed(low: float, high: float, local: str) -> Draw:
+    """Draw with either sign."""
+    return lambda rng, s: {local: either(rng) * float(rng.uniform(low, high))}
+
+
+def either(rng: np.random.Generator) -> float:
+    """Draw one or minus one."""
+    return float(rng.choice([-1.0, 1.0]))
+
+
+def pulse(
+    rng: np.random.Generator, s: Setting, shortest: float, longest: float, last: float = 0.7
+) -> tuple[float, float]:
+    """Draw begin and length of an event in a record, s. It begins at the share ``last`` of the
+    record at the latest.
+    """
+    return float(rng.uniform(0.1, last) * s.duration), float(rng.uniform(shortest, longest))
+
+
+def several(rng: np.random.Generator, **spans: tuple[float, float]) -> Mapping[str, float]:
+    """Draw every parameter uniformly between its ends."""
+    return {name: float(rng.uniform(*span)) for name, span in spans.items()}

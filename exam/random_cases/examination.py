@@ -1,32 +1,44 @@
-"""A random examination of the tracing loop: model, vehicle, rate, channels, maneuvers, and what is
-hidden, all drawn from a seed.
-
-Each record is written, diagnosed by what the loop is told (two files and a vehicle file), and
-marked: right name, held-out error, and how many standard deviations the derivatives are off.
+"""A random examination of the tracing loop: cases drawn from seeds, examined as tasks, and the
+command lines.
 """
 
 from __future__ import annotations
 
+import json
+import math
 import tempfile
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from time import process_time
+from typing import Any
 
 import numpy as np
 
-from exam.random_cases.case import Case, CaseScore
-from exam.random_cases.case_scoring import case_score_of, refusal_score_of
-from exam.random_cases.flying import Values, drawn_values, flown, values_again
+from exam.options import STOPPED, Parser, ended_in_one_line, manner_of
+from exam.random_cases.case import Case, CaseScore, Named
+from exam.random_cases.case_scoring import (
+    case_score_of,
+    refusal_score_of,
+    reliability_table,
+    summary_table,
+)
+from exam.random_cases.flying import Values, all_visible, drawn_values, flown, values_again
 from exam.random_cases.kinds import KINDS, drawable, families
 from exam.random_cases.vehicles import RATES, Flight, drawn_flights, drawn_vehicle, vehicle_file
-from exam.random_cases.visible import all_visible
-from exam.scoring import same_fault
+from exam.repeated import FlownCampaign, LoopFlights, fly_all
+from exam.scoring import Statement, same_fault
 from scenarios.diagnosis.diagnose import diagnose_files
-from scenarios.files.writing import write_record
+from scenarios.files.writing import write_record, write_text
 from scenarios.preparation.plan import Request
+from scenarios.report.terminal import progress_bar
+from scenarios.tasks.study import Execution
 from sim.declaration.model import Model
-from sim.errors import FlightidError, ModelError
+from sim.errors import DeclarationError, FlightidError, ModelError
 from sim.record import Record
+
+# ---- A random examination of the tracing loop
 
 MODELS = {"rigid": 0.6, "loes": 0.25, "ballistic": 0.15}
 GROUPS = {
@@ -36,15 +48,15 @@ GROUPS = {
     "foreign": 0.15,
     "recorder": 0.15,
 }
-TRIES = 20  # of sizes, for one case
-# Both change the airspeed; a truth with two laws for it is none.
+TRIES = 20  # draws of sizes for one case
+# Both change the airspeed, which has one true law only.
 NEVER_TOGETHER = frozenset({"phugoid", "speed-variation"})
 
 
 @dataclass(frozen=True, eq=False)
 class Written:
-    """A case in a folder: the true model, what is hidden in the first record, and what the loop is
-    told.
+    """A case in a folder: the true model, the hidden causes of the first record, and the request
+    for the loop.
     """
 
     case: Case
@@ -54,10 +66,10 @@ class Written:
 
 
 def examine(seed: int, group: str = "") -> CaseScore:
-    """Draw a case, fly it, have it diagnosed, and score it; all but the time depends on these
-    alone.
+    """Draw a case, fly it, have it diagnosed, and score it.
 
-    ``group`` : one of ``GROUPS``; empty, it is drawn as well.
+    Everything but the time depends on the arguments alone. ``group`` is one of ``GROUPS``; an empty
+    one is drawn as well.
     """
     with tempfile.TemporaryDirectory(prefix="flightid-") as name:
         return score_written(write_case(seed, Path(name), group), Path(name))
@@ -70,7 +82,7 @@ def score_written(written: Written, folder: Path) -> CaseScore:
         tracing = diagnose_files(written.request)
     except FlightidError as fault:
         score = refusal_score_of(written.case, fault, process_time() - started)
-        # The folder's name is chance, and no part of a score.
+        # The name of the folder is random and must not be part of a score.
         return replace(score, values=written.values, said=score.said.replace(f"{folder}/", ""))
     score = case_score_of(written.case, written.model, tracing, process_time() - started)
     return replace(score, values=written.values)
@@ -98,8 +110,8 @@ def write_case(seed: int, folder: Path, group: str = "") -> Written:
 
 
 def write_clean(name: str, seed: int, folder: Path) -> tuple[Written, Flight]:
-    """A case of one model in which nothing is hidden, drawn as others are, and the flight of its
-    first record.
+    """Write a case of one model with nothing hidden, drawn like other cases; return it with the
+    flight of its first record.
 
     Raises
     ------
@@ -148,7 +160,7 @@ def _written(
     folder: Path,
     rng: np.random.Generator,
 ) -> Written | None:
-    """A case of a group; None where what was drawn could not be flown, or seen."""
+    """Write a case of a group; return None if the draw cannot be flown or observed."""
     hidden = drawn_hidden(group, name, channels, rng)
     answers = frozenset(KINDS[kind].answer for kind in hidden if KINDS[kind].answer)
     outside = any(not KINDS[kind].answer for kind in hidden)
@@ -160,7 +172,9 @@ def _written(
 def _flown_and_written(
     case: Case, model: Model, flights: tuple[Flight, Flight], folder: Path, rng: np.random.Generator
 ) -> Written | None:
-    """A case's files in a folder; None where what is hidden could not be flown, or seen."""
+    """Write the files of a case into a folder; return None if the hidden cause cannot be flown or
+    observed.
+    """
     sane = _flown_sanely(case, *flights, rng)
     if sane is None:
         return None
@@ -180,8 +194,10 @@ def _flown_and_written(
 def _flown_sanely(
     case: Case, train: Flight, validate: Flight, rng: np.random.Generator
 ) -> tuple[Values, tuple[Record, Record]] | None:
-    """What is hidden in the first record, and both; drawn anew where it would not be seen, or leave
-    the range of any model.
+    """Return the hidden causes of the first record, and both records.
+
+    The draw is repeated if the causes would not be observable, or the motion would leave the range
+    of any model.
     """
     for _ in range(TRIES):
         first = drawn_values(case.hidden, train.setting, rng)
@@ -198,8 +214,9 @@ def _flown_sanely(
 def drawn_hidden(
     group: str, model: str, channels: tuple[str, ...], rng: np.random.Generator
 ) -> tuple[str, ...]:
-    """Names of what a case of a group hides. A falling body has one channel, which does not
-    separate two effects: it hides one.
+    """Draw the names of the hidden causes of a case.
+
+    A falling body has one channel, which cannot separate two effects. It has one hidden cause.
     """
     if group == "nothing":
         return ()
@@ -217,10 +234,185 @@ def drawn_hidden(
 
 
 def _go_together(one: str, other: str) -> bool:
-    """Whether two effects are two: not one fault by two names, nor two laws of one quantity."""
+    """Return whether two effects can be hidden together.
+
+    They can unless they are one fault with two names, or two laws of one quantity.
+    """
     a, b = KINDS[one].answer, KINDS[other].answer
     return not same_fault(a) & same_fault(b) and {a, b} != NEVER_TOGETHER
 
 
 def _chosen(shares: dict[str, float], rng: np.random.Generator) -> str:
     return str(rng.choice(list(shares), p=list(shares.values())))
+
+
+# ---- A series of cases, from a first seed on
+
+
+def examined(first: int, count: int, execution: Execution, group: str = "") -> FlownCampaign:
+    """Return scores of the cases ``first`` to ``first + count - 1``; if stopped, of those that had
+    ended.
+
+    ``group`` : the group of all cases; empty if each case draws its own.
+    """
+    told = {"first": first, **({"group": group} if group else {})}
+    work = LoopFlights("random-cases", partial(_case, first, group), CaseScore, told)
+    with progress_bar(True) as tell:
+        return fly_all(work, count, first, execution, tell)
+
+
+def _case(first: int, group: str, number: int, seed: int) -> CaseScore:
+    """Return a case with the small seed of its number, by which documents name it."""
+    return examine(first + number, group)
+
+
+def line_of(score: CaseScore) -> Mapping[str, Any]:
+    """Return the line of the file for a score; numbers that are not finite are left out."""
+    case = score.case
+    return {
+        **{
+            "seed": case.seed,
+            "model": case.model,
+            "aircraft": case.aircraft,
+            "rate": case.rate,
+            "channels": case.channels,
+        },
+        **{
+            "group": case.group,
+            "hidden": case.hidden,
+            "values": score.values,
+            "verdict": score.verdict,
+        },
+        "claims": [
+            [{"name": named.name, "hidden": named.hidden} for named in claim]
+            for claim in score.claims
+        ],
+        "statements": [asdict(statement) for statement in score.statements],
+        **{"right": score.right, "wrong": score.wrong, "said": score.said},
+        "held_out_error": score.held_out if math.isfinite(score.held_out) else -1.0,
+        "errors_in_sigmas": {
+            name: error for name, error in score.errors.items() if math.isfinite(error)
+        },
+        "seconds": score.seconds,
+    }
+
+
+def score_of_line(line: Mapping[str, Any]) -> CaseScore:
+    """Return the score of a line.
+
+    Raises
+    ------
+    DeclarationError : a key is missing, or a hidden cause has another name than those of today.
+    """
+    try:
+        hidden = tuple(line["hidden"])
+        kinds = [KINDS[name] for name in hidden]
+        case = Case(
+            line["seed"],
+            line["aircraft"],
+            hidden,
+            frozenset(kind.answer for kind in kinds if kind.answer),
+            any(not kind.answer for kind in kinds),
+            tuple(line["channels"]),
+            line["rate"],
+            line["model"],
+            line["group"],
+        )
+        claims = tuple(
+            tuple(Named(each["name"], each["hidden"]) for each in claim) for claim in line["claims"]
+        )
+        return CaseScore(
+            case,
+            line["verdict"],
+            tuple(claim[0].name for claim in claims),
+            line["right"],
+            line["wrong"],
+            line["errors_in_sigmas"],
+            line["held_out_error"],
+            line["seconds"],
+            claims,
+            tuple(Statement(**each) for each in line["statements"]),
+            line["values"],
+            line["said"],
+        )
+    except (KeyError, TypeError, IndexError) as fault:
+        what = f"{fault} is not what a line of random cases has"
+        remedy = "name a file that python -m exam random wrote"
+        raise DeclarationError(what, where="exam", remedy=remedy) from None
+
+
+# ---- Random cases by their seeds, and the tables of what was found in them
+
+LINES = "cases.jsonl"
+
+
+def random_cases(arguments: Sequence[str] | None = None) -> int:
+    """Cases whose model, vehicle, record and hidden cause are drawn from a seed."""
+    return _examine("random", arguments)
+
+
+def foreign_causes(arguments: Sequence[str] | None = None) -> int:
+    """Random cases that hide a cause that no effect of the library names."""
+    return _examine("foreign", arguments)
+
+
+def recorder_faults(arguments: Sequence[str] | None = None) -> int:
+    """Random cases that hide a fault of the recorder."""
+    return _examine("recorder", arguments)
+
+
+def _examine(name: str, arguments: Sequence[str] | None) -> int:
+    """Examine COUNT cases from seed FIRST on.
+
+    Each score is stored as soon as it is known; ``cases.jsonl`` has them in the order of the seeds.
+    """
+    parser = Parser(name, "random cases, one JSON line each")
+    parser.add_argument("first", type=int, metavar="FIRST", help="the first seed")
+    parser.add_argument("count", type=int, metavar="COUNT", help="how many seeds")
+    parser.add_manner(out_required=True)
+    asked = parser.parse_args(arguments)
+    if asked.first < 0 or asked.count < 1:
+        parser.error("FIRST is 0 or more, COUNT is 1 or more")
+    group = name if name in GROUPS else ""
+
+    def work() -> int:
+        done = examined(asked.first, asked.count, manner_of(asked), group)
+        lines = [json.dumps(line_of(score), allow_nan=False) + "\n" for score in done.found]
+        write_text(asked.out / LINES, "".join(lines))
+        _print_tables(done.found)
+        print(f"{done.ended} of {done.asked} cases, {done.words}")
+        return 0 if done.whole else STOPPED
+
+    return ended_in_one_line(name, work)
+
+
+def score(arguments: Sequence[str] | None = None) -> int:
+    """Print the tables of examined random cases, from the files of one or several series."""
+    parser = Parser("score", "tables of random cases from their files")
+    parser.add_argument("files", type=Path, nargs="+", metavar="CASES.jsonl")
+    asked = parser.parse_args(arguments)
+
+    def work() -> int:
+        found = [each for file in asked.files for each in _read(file)]
+        _print_tables(found)
+        print(f"{len(found)} cases")
+        return 0
+
+    return ended_in_one_line("score", work)
+
+
+def _read(file: Path) -> list[CaseScore]:
+    try:
+        lines = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+    except ValueError as fault:
+        what = f"this is not one JSON object a line: {fault}"
+        remedy = "name a file that python -m exam random wrote"
+        raise DeclarationError(what, where=str(file), remedy=remedy) from None
+    return [score_of_line(line) for line in lines]
+
+
+def _print_tables(found: Sequence[CaseScore]) -> None:
+    if found:
+        print("\n".join(summary_table(found)))
+        statements = [statement for each in found for statement in each.statements]
+        print("\n".join(reliability_table(statements)))

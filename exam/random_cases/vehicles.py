@@ -1,6 +1,4 @@
-"""What flies in a case: a vehicle for each model, its maneuvers, and the file that tells the loop
-of it.
-"""
+"""A vehicle for each model, its maneuvers, and the vehicle file for the loop."""
 
 from __future__ import annotations
 
@@ -49,14 +47,14 @@ SPREAD, NEARLY_KNOWN = {"L_q": 0.02}, {"L_q": 0.03}
 
 @dataclass(frozen=True)
 class Flight:
-    """One record to be flown: what its sizes are drawn from, and its maneuver, None for a fall."""
+    """One record to be flown: the setting of its sizes, and its maneuver (None for a fall)."""
 
     setting: Setting
     maneuver: Maneuver | None
 
 
 def drawn_vehicle(model: str, rng: np.random.Generator) -> tuple[str, Model]:
-    """A vehicle's label and its true model."""
+    """Draw a vehicle; return its label and its true model."""
     if model == "rigid":
         return drawn_aircraft(rng)
     if model == "loes":
@@ -74,8 +72,8 @@ def drawn_vehicle(model: str, rng: np.random.Generator) -> tuple[str, Model]:
 
 
 def drawn_flights(model: Model, rate: float, rng: np.random.Generator) -> tuple[Flight, Flight]:
-    """Two records: two maneuvers of different shape and one size, or two falls of different height
-    and speed.
+    """Draw two records: two maneuvers of different shape and equal size, or two falls of different
+    height and speed.
     """
     if model.equations.name == "ballistic":
         return _fall(model, rate, rng), _fall(model, rate, rng)
@@ -105,7 +103,7 @@ def _fall(model: Model, rate: float, rng: np.random.Generator) -> Flight:
 
 
 def maneuvers(rng: np.random.Generator, peak: float, duration: float) -> tuple[Maneuver, Maneuver]:
-    """Two maneuvers of different shape that leave some quiet at the end."""
+    """Draw two maneuvers of different shape that leave some rest at the end."""
     unit = float(rng.uniform(0.3, 0.7))
     period = round(duration - 3.0)
     sine = schroeder_multisine(
@@ -129,19 +127,19 @@ def maneuvers(rng: np.random.Generator, peak: float, duration: float) -> tuple[M
 
 
 def as_sampled(maneuver: Maneuver, time: np.ndarray, interval: float) -> MultiStep:
-    """As a record has it: what is sampled is held until the next sample, switches between samples
-    are none.
+    """Return a maneuver as a record shows it: samples are held, and switches between samples are
+    not seen.
     """
     return MultiStep(tuple(maneuver(time).tolist()), (*time.tolist(), float(time[-1] + interval)))
 
 
 def estimated(model: str) -> tuple[str, ...]:
-    """Derivatives that the loop estimates."""
+    """Return the derivatives that the loop estimates."""
     return tuple(USUAL) if model == "rigid" else LOES_ESTIMATED if model == "loes" else ("beta",)
 
 
 def vehicle_file(model: Model, rng: np.random.Generator) -> str:
-    """The vehicle file: true constants, and derivatives up to 30 % wrong."""
+    """Return the text of the vehicle file: true constants, and derivatives up to 30 % wrong."""
     name = model.equations.name
     constants = {
         "rigid": tuple(RIGID_CONSTANTS),

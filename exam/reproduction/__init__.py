@@ -1,1 +1,1 @@
-"""The page that holds what two papers print against what the project finds."""
+"""The page that compares printed numbers of two papers with those of the project."""

@@ -1,27 +1,107 @@
-"""Write the page: ``python -m exam papers-page [--studies DIR] [--page FILE.md] [--kept] [--jobs
-N]``.
+"""Studies of the page on the two papers, and its command.
+
+``python -m exam papers-page [--studies DIR] [--page FILE.md] [--kept] [--jobs N]`` writes the page.
 """
 
 from __future__ import annotations
 
+import json
+import re
+import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from exam.options import Parser
-from exam.reproduction.declaration import PAPERS, paper_of
-from exam.reproduction.lookups import Found, Numbers, from_file, from_studies, keeping, kept_text
+from exam.reproduction.declaration import PAPERS, Paper, paper_of
+from exam.reproduction.lookups import (
+    Found,
+    Numbers,
+    from_file,
+    from_studies,
+    keeping,
+    kept_text,
+    split,
+)
 from exam.reproduction.page import page_of
-from exam.reproduction.running import run_all, scenarios_of
-from sim.errors import FlightidError
+from sim.errors import DeclarationError, FlightidError
+
+# ---- The studies of the page
+
+
+def scenarios_of(papers: Iterable[Paper]) -> tuple[str, ...]:
+    """Return the names of the scenarios that a page of these papers needs, sorted."""
+    return tuple(
+        sorted({split(f"{study}: any")[0] for paper in papers for study in studies_of(paper)})
+    )
+
+
+def studies_of(paper: Paper) -> Iterator[str]:
+    """Return every ``SCENARIO`` or ``SCENARIO/METHOD`` that a paper's declaration names."""
+    for part in paper.parts:
+        yield from (group.study for group in part.values)
+        yield from (matrix.study for matrix in part.matrices)
+        for statement in part.statements:
+            yield from (
+                study
+                for lookup in statement.numbers.values()
+                for study in re.findall(r"([\w/-]+): ", lookup)
+            )
+            if statement.figure:
+                yield statement.figure.partition("/")[0]
+
+
+def study_in(folder: Path, name: str) -> Path:
+    """Return the study folder of a scenario in ``folder``; run it with its own seed if it is
+    missing.
+
+    Raises
+    ------
+    DeclarationError : it cannot be run, or another study lies there.
+    """
+    place = folder / name
+    main = place / "comparison.json"
+    if not main.is_file():
+        ran = subprocess.run(
+            [sys.executable, "-m", "scenarios", "run", name, "--out", str(place)],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if ran.returncode:
+            told = ran.stderr.strip().splitlines() or ["no word of it"]
+            raise DeclarationError(
+                told[-1], where=f"flightid run {name}", remedy="see what the command says"
+            )
+    found = json.loads(main.read_text(encoding="utf-8")).get("scenario")
+    if found != name:
+        raise DeclarationError(
+            f"the study of {found} lies there",
+            where=str(place),
+            remedy="name a folder with studies by their scenarios' names",
+        )
+    return place
+
+
+def run_all(folder: Path, names: Iterable[str], jobs: int) -> Iterator[str]:
+    """Run missing studies, ``jobs`` at a time; yield each name when its study exists, in order."""
+    names = tuple(names)
+    with ThreadPoolExecutor(jobs) as pool:
+        for name, _ in zip(names, pool.map(partial(study_in, folder), names), strict=True):
+            yield name
+
+
+# ---- Write the page
 
 PAGE = Path("docs/papers.md")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Write the page and, beside it, its numbers as JSON; 2 with one line where the declaration or
-    a study is at fault.
+    """Write the page and, beside it, its numbers as JSON; return 2 with one line if the declaration
+    or a study is wrong.
     """
     parser = Parser("papers-page", "two papers, number by number")
     parser.add_argument(
@@ -61,8 +141,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def make(page: Path, folder: Path, jobs: int = 1) -> None:
-    """Run what ``folder`` lacks, then write the page and its numbers. Raises DeclarationError where
-    the declaration or a study is at fault.
+    """Run the studies that ``folder`` lacks, then write the page and its numbers. Raises
+    DeclarationError if the declaration or a study is wrong.
     """
     names = scenarios_of(paper_of(name) for name in PAPERS)
     for done, name in enumerate(run_all(folder, names, jobs), start=1):
@@ -73,6 +153,6 @@ def make(page: Path, folder: Path, jobs: int = 1) -> None:
 
 
 def written(numbers: Numbers) -> tuple[str, dict[str, Found]]:
-    """The page's text, and every number that it asked for."""
+    """Return the page's text, and every number that it needs."""
     kept: dict[str, Found] = {}
     return page_of([paper_of(name) for name in PAPERS], keeping(numbers, kept)), kept

@@ -1,5 +1,5 @@
-"""What the page declares: which printed number stands beside which number of which study, and why
-they differ (pydantic).
+"""The declaration of the page (pydantic): pairs of a printed number and a number of a study, and
+the reasons of their differences.
 """
 
 from __future__ import annotations
@@ -130,8 +130,8 @@ class Paper(_Strict):
 
 @dataclass(frozen=True)
 class Printed:
-    """A number as a paper prints it: its digits, its standard deviation where there is one, the far
-    end of a range where it is one.
+    """A number as a paper prints it: its digits, its standard deviation if there is one, and the
+    end of a range if it is one.
     """
 
     value: Decimal

@@ -1,5 +1,5 @@
-"""Numbers of study folders by where they stand: ``SCENARIO/METHOD: PATH``, and the file that keeps
-those of the page.
+"""Numbers of study folders by their places, ``SCENARIO/METHOD: PATH``, and the file with those of
+the page.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from sim.errors import DeclarationError
 SCHEMA = "flightid/reproduction-numbers/1"
 # significant ones that are kept: more than the page shows, fewer than another processor moves
 DIGITS = 6
-SETTLED = 2.0  # final sigmas within which an estimate stays once it has settled
+SETTLED = 2.0  # largest deviation of a settled estimate from its final value, in final sigmas
 
 
 @dataclass(frozen=True)
 class Found:
-    """A number of a study with its standard deviation (None where it has none) and unit (empty
-    where none is told).
+    """A number of a study with its standard deviation (None without one) and unit (empty if
+    unknown).
     """
 
     value: float
@@ -38,8 +38,8 @@ Numbers = Callable[[str], Found]
 
 
 def split(lookup: str) -> tuple[str, str, str]:
-    """Scenario, method (empty: the main one) and path of ``SCENARIO/METHOD: PATH``. Raises
-    DeclarationError.
+    """Return scenario, method (empty for the main one) and path of ``SCENARIO/METHOD: PATH``.
+    Raises DeclarationError.
     """
     study, colon, path = lookup.partition(": ")
     scenario, _, method = study.partition("/")
@@ -107,7 +107,7 @@ def _content(path: Path) -> Any:
 
 
 def _method(methods: Any, name: str) -> Any:
-    """One of a study's further methods, which stand by name or as a list."""
+    """Return one of a study's further methods, by name or from a list."""
     return (
         next(each for each in methods if each["name"] == name)
         if isinstance(methods, list)
@@ -173,7 +173,7 @@ def settling_time(path: Path, names: Iterable[str]) -> float:
 
 
 def from_studies(folder_of: Callable[[str], Path]) -> Numbers:
-    """Numbers of study folders, by the folder of each scenario."""
+    """Return a function of the numbers of study folders, by the folder of each scenario."""
 
     def of(lookup: str) -> Found:
         scenario, method, path = split(lookup)
@@ -198,7 +198,7 @@ def _rounded(value: float) -> float:
 
 
 def from_file(path: Path) -> Numbers:
-    """Numbers that a file keeps. Raises DeclarationError for one that it has not."""
+    """Return a function of the numbers in a file. Raises DeclarationError for a missing one."""
     kept = json.loads(path.read_text(encoding="utf-8"))["numbers"]
 
     def of(lookup: str) -> Found:
@@ -215,7 +215,7 @@ def from_file(path: Path) -> Numbers:
 
 
 def keeping(numbers: Numbers, kept: dict[str, Found]) -> Numbers:
-    """The same numbers, each put into ``kept`` as it is asked for."""
+    """Return the same function, which also puts each requested number into ``kept``."""
 
     def of(lookup: str) -> Found:
         kept[lookup] = kept[lookup] if lookup in kept else numbers(lookup)
@@ -225,7 +225,7 @@ def keeping(numbers: Numbers, kept: dict[str, Found]) -> Numbers:
 
 
 def kept_text(kept: Mapping[str, Found]) -> str:
-    """The file of the numbers of a page: one line each, sorted."""
+    """Return the text of the file of the page's numbers: one line each, sorted."""
     lines = [
         f"  {json.dumps(key)}: {json.dumps([kept[key].value, kept[key].std, kept[key].unit])}"
         for key in sorted(kept)

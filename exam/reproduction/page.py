@@ -8,8 +8,7 @@ from textwrap import fill
 
 from exam.reproduction.declaration import Matrix, Paper, Part, Values
 from exam.reproduction.lookups import Numbers
-from exam.reproduction.rows import CLOSE, Row, rows_of
-from exam.reproduction.statements import Told, cells_of, told
+from exam.reproduction.rows import CLOSE, Row, Told, cells_of, rows_of, told
 from sim.errors import DeclarationError
 
 HEAD = """# The two papers, number by number
@@ -24,27 +23,27 @@ settings or variances. `+-` is one standard deviation. **Error** is the distance
 value in the column before "printed"), each in its own sigmas. A study is `SCENARIO` or `SCENARIO/METHOD`: run it with
 `flightid run SCENARIO --out study`, or see all of them with `flightid list`.
 """  # noqa: E501
-WIDTH = 150  # of a line of prose in the file
+WIDTH = 150  # width of a line of prose in the file
 _REFERENCES = {"true": "", "condensed": "condensed", "loop_equivalent": "loop's own"}
 _ERROR = "error (printed; ours)"
 
 
 class Tally:
-    """What the page counts while it is written."""
+    """Counts of rows while the page is written."""
 
     def __init__(self) -> None:
         self.rows: Counter[str] = Counter()
         self.statements: Counter[str] = Counter()
 
     def add(self, group: Values, rows: Sequence[Row]) -> None:
-        """Count the rows of a group, one that stands for several as several."""
+        """Count the rows of a group; a row for several quantities counts as several."""
         self.rows["all"] += len(rows) + max(len(group.zero) - 1, 0)
         self.rows.update(
             "close" if abs(row.sigmas) <= CLOSE else "far" for row in rows if row.sigmas is not None
         )
 
     def line(self) -> str:
-        """What there is of the paper on the page, in one line."""
+        """Return a line on the contents of the paper on the page."""
         rows, agreed = self.rows, self.statements
         told = ", ".join(
             f"{count} {word}" for word, count in sorted(agreed.items(), key=lambda each: -each[1])
@@ -58,7 +57,7 @@ class Tally:
 
 
 def page_of(papers: Iterable[Paper], numbers: Numbers) -> str:
-    """The whole page. Raises DeclarationError as ``rows_of``, ``told`` and ``cells_of``."""
+    """Return the whole page. Raises DeclarationError as ``rows_of``, ``told`` and ``cells_of``."""
     return HEAD + "".join(_paper(paper, numbers) for paper in papers)
 
 
@@ -72,7 +71,7 @@ def _paper(paper: Paper, numbers: Numbers) -> str:
 
 
 def _remarks(paper: Paper) -> str:
-    """The remarks of each study in one paragraph each; empty where there are none."""
+    """Return the remarks of each study as a paragraph; empty without any."""
     told = [_wrapped(f"**`{remark.study}`**: {remark.text}") for remark in paper.remarks]
     return "\n\n".join(["\n### Remarks on single studies", *told]) + "\n" if told else ""
 
@@ -114,8 +113,8 @@ def _heading(group: Values) -> str:
 
 
 def _rows_table(part: Part, groups: Sequence[tuple[Values, Sequence[Row]]]) -> str:
-    """One table of the rows of one group, or of several with the same columns, which then say whose
-    they are.
+    """Return one table of the rows of one group, or of several groups with the same columns, which
+    are then named.
     """
     kinds = {group.reference for group, _ in groups}
     if len(kinds) > 1:
@@ -167,7 +166,9 @@ def _statements(rows: Sequence[Told]) -> str:
 
 
 def _matrix(paper: Paper, matrix: Matrix, numbers: Numbers) -> str:
-    """The printed triangle above the diagonal, ours below it, and what differs most."""
+    """Return the printed triangle above the diagonal and ours below it, and the largest
+    difference.
+    """
     cells = cells_of(matrix, paper.turned, numbers)
     lines = []
     for i, a in enumerate(cells.names):
@@ -191,14 +192,14 @@ def _matrix(paper: Paper, matrix: Matrix, numbers: Numbers) -> str:
 
 
 def _short(correlation: float) -> str:
-    """``"-.33"``: thirteen columns must fit a page."""
+    """Return a number as ``"-.33"``, so that thirteen columns fit a page."""
     text = f"{correlation:.2f}"
     return "0" if not float(text) else text.replace("0.", ".")
 
 
 def table(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    """A Markdown table. Raises DeclarationError for a cell that is empty (the first of the heads
-    may be).
+    """Return a Markdown table. Raises DeclarationError for an empty cell; only the first head may
+    be empty.
     """
     out = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
     for line in lines:

@@ -1,14 +1,19 @@
-"""Rows of the page: a printed number beside ours, their difference, and why."""
+"""Rows of the page on the two papers: printed numbers beside the project's, figures, findings."""
 
 from __future__ import annotations
 
 import math
+import operator
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from exam.reproduction.declaration import (
+    Matrix,
     Paper,
     Part,
     Printed,
+    Statement,
     Values,
     digits,
     printed_of,
@@ -18,6 +23,8 @@ from exam.reproduction.lookups import Found, Numbers
 from scenarios.files.units import to_si
 from scenarios.report.quantities import number_text
 from sim.errors import DeclarationError
+
+# ---- Rows of the page
 
 # What the low-order fit to a loop's own frequency response has; L_q is held in it at the value that
 # is flown.
@@ -34,15 +41,16 @@ LOOP = (
     "delay",
 )
 SAME = 1e-4  # relative: what units and the digits that are kept leave
-CLOSE = 2.0  # sigmas beyond which a row says why
+CLOSE = 2.0  # sigmas beyond which a row has a reason
 
 
 @dataclass(frozen=True)
 class Row:
     """One printed number beside ours.
 
-    ``true`` is empty and ``reference`` none where there is none, ``off`` too: how far both are from
-    the reference in their own sigmas. ``sigmas`` is None where the two are not compared in sigmas.
+    ``true`` is the true value (empty without one). ``reference`` is a further value of comparison,
+    and ``off`` has the distances of both numbers from it in their own sigmas; both are None without
+    one. ``sigmas`` is None if the two are not compared in sigmas.
     """
 
     name: str
@@ -72,7 +80,9 @@ def rows_of(paper: Paper, part: Part, group: Values, numbers: Numbers) -> list[R
 
 
 def _zero(group: Values, numbers: Numbers) -> Row:
-    """The row of what is zero in print and in ours. Raises DeclarationError where ours is not."""
+    """Return the row of quantities that are zero in print and in ours. Raises DeclarationError if
+    ours is not.
+    """
     others = [
         name
         for name in group.zero
@@ -112,7 +122,7 @@ def _row(
 
 
 def _reference(group: Values, name: str, sign: float, numbers: Numbers) -> Found | None:
-    """What both numbers are held against, None where the group or the quantity has nothing."""
+    """Return the value with which both numbers are compared; None without one."""
     if group.reference == "loop_equivalent":
         study = group.study.partition("/")[0]
         return (
@@ -128,7 +138,7 @@ def _reference(group: Values, name: str, sign: float, numbers: Numbers) -> Found
 
 
 def _shown(found: Found, group: Values, sign: float) -> Found:
-    """Ours in the paper's unit and sign."""
+    """Return our number in the paper's unit and sign."""
     factor = (
         float(to_si(1.0, found.unit or group.own_unit, group.unit, group.label, DeclarationError))
         if group.unit
@@ -156,8 +166,8 @@ def _plain(text: str) -> str:
 
 
 def _sigmas(printed: Printed, ours: Found) -> float:
-    """Ours minus the printed value over the root of both variances, of the one that is known where
-    one is; infinite where neither is.
+    """Return ours minus the printed value over the root of both variances, or of the known one;
+    infinite if neither is known.
     """
     value = float(printed.value)
     if printed.upper is not None:
@@ -193,7 +203,9 @@ def _difference(group: Values, printed: Printed, ours: Found, sigmas: float | No
 
 
 def _off(printed: Printed, ours: Found, reference: float) -> str:
-    """How far the printed value and ours are from the reference, each in its own sigmas."""
+    """Return the distances of the printed value and ours from the reference, each in its own
+    sigmas.
+    """
     theirs = (
         f"{(float(printed.value) - reference) / printed.std:+.1f}" if printed.std else "no sigma"
     )
@@ -205,7 +217,7 @@ def _off(printed: Printed, ours: Found, reference: float) -> str:
 
 
 def _true(part: Part, group: Values, name: str, numbers: Numbers, where: str) -> str:
-    """The printed true value, and the one that is flown where it is another."""
+    """Return the printed true value, and the one that is flown if it differs."""
     if not part.true:
         return ""
     if name not in part.true:
@@ -224,13 +236,13 @@ def _true(part: Part, group: Values, name: str, numbers: Numbers, where: str) ->
 
 
 def _near(ours: Found, reference: float) -> bool:
-    """Whether ours is within two of its sigmas of the reference."""
+    """Return whether ours is within two of its sigmas of the reference."""
     return bool(ours.std) and abs(ours.value - reference) <= CLOSE * (ours.std or 0.0)
 
 
 def _why(group: Values, name: str, sigmas: float | None, found: bool, where: str) -> str:
-    """The reason of a row; that the reference is ``found`` is one only where the numbers of the row
-    say so.
+    """Return the reason of a row; ``found`` is a reason only if the numbers of the row support
+    it.
     """
     reason = group.reasons.get(name, "")
     close = sigmas is not None and abs(sigmas) <= CLOSE
@@ -248,3 +260,151 @@ def _why(group: Values, name: str, sigmas: float | None, found: bool, where: str
             remedy="say why",
         )
     return why
+
+
+# ---- Figures and conclusions of the page
+
+_TERM = r"\|?[-+]?[\w.]+\|?"
+_CONDITION = re.compile(rf"({_TERM}) ([<>]) ({_TERM})")
+_COMPARED = {"<": operator.lt, ">": operator.gt}
+
+
+@dataclass(frozen=True)
+class Told:
+    """A statement with its numbers inserted; ``figure`` is empty without one."""
+
+    place: str
+    says: str
+    ours: str
+    figure: str
+    agrees: str
+    why: str
+
+
+def told(statement: Statement, numbers: Numbers) -> Told:
+    """Return a statement with its numbers. Raises DeclarationError if a figure or number is
+    missing, or the statement does not follow.
+    """
+    found = {name: combined(lookup, numbers) for name, lookup in statement.numbers.items()}
+    if statement.figure:
+        study, _, file = statement.figure.partition("/")
+        numbers(f"{study}: files.{file}")
+    values = {name: each.value for name, each in found.items()}
+    for condition in statement.holds:
+        if not holds(condition, values):
+            remedy = (
+                "look at what has changed, and say anew whether it agrees: "
+                f"{', '.join(f'{n} {v:.6g}' for n, v in values.items())}"
+            )
+            raise DeclarationError(
+                f"{condition} does not hold",
+                where=f"reproduction, {statement.place}",
+                remedy=remedy,
+            )
+    try:
+        ours = statement.ours.format(**{name: _Shown(each) for name, each in found.items()})
+    except (KeyError, ValueError, IndexError) as error:
+        raise DeclarationError(
+            f"{error} in braces",
+            where=f"reproduction, {statement.place}",
+            remedy="name it under numbers",
+        ) from None
+    return Told(
+        statement.place, statement.says, ours, statement.figure, statement.agrees, statement.why
+    )
+
+
+def combined(lookup: str, numbers: Numbers) -> Found:
+    """Return a number, or two as ``A minus B`` or ``A over B``, which has no sigma."""
+    for word, work in ((" minus ", operator.sub), (" over ", operator.truediv)):
+        first, found, second = lookup.partition(word)
+        if found:
+            return Found(work(numbers(first).value, numbers(second).value))
+    return numbers(lookup)
+
+
+class _Shown:
+    """A number as a template writes it: ``{x}`` three digits, ``{x:.0%}`` any format of a number,
+    ``{x:size}`` without its sign.
+    """
+
+    def __init__(self, found: Found) -> None:
+        self.found = found
+
+    def __format__(self, form: str) -> str:
+        value = self.found.value
+        return format(abs(value), ".3g") if form == "size" else format(value, form or ".3g")
+
+
+def holds(condition: str, values: Mapping[str, float]) -> bool:
+    """Whether ``"name < 0.1"`` or ``"|name| > other"`` holds. Raises DeclarationError for another
+    form or an unknown name.
+    """
+    found = _CONDITION.fullmatch(condition)
+    if found is None:
+        raise DeclarationError(
+            f"{condition!r} is no condition",
+            where="reproduction",
+            remedy="write name < number, |name| > number or name > name",
+        )
+    return bool(_COMPARED[found[2]](_term(found[1], values), _term(found[3], values)))
+
+
+def _term(text: str, values: Mapping[str, float]) -> float:
+    name = text.strip("|")
+    try:
+        value = values[name] if name in values else float(name)
+    except ValueError:
+        raise DeclarationError(
+            f"there is no number {name!r}", where="reproduction", remedy="name it under numbers"
+        ) from None
+    return abs(value) if text.startswith("|") else value
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A printed correlation matrix beside ours: ``printed`` and ``ours`` by pair of names, the
+    earlier name first.
+    """
+
+    names: tuple[str, ...]
+    printed: Mapping[tuple[str, str], float]
+    ours: Mapping[tuple[str, str], float]
+
+    @property
+    def worst(self) -> tuple[str, str]:
+        """The pair with the largest difference."""
+        return max(self.printed, key=lambda pair: abs(self.ours[pair] - self.printed[pair]))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the differences."""
+        return float(
+            (
+                sum((self.ours[pair] - r) ** 2 for pair, r in self.printed.items())
+                / len(self.printed)
+            )
+            ** 0.5
+        )
+
+
+def cells_of(matrix: Matrix, turned: list[str], numbers: Numbers) -> Cells:
+    """Return both matrices, ours with the signs of the paper. Raises DeclarationError if a row has
+    too many or too few entries.
+    """
+    printed: dict[tuple[str, str], float] = {}
+    for at, (name, line) in enumerate(zip(matrix.names, [*matrix.upper, ""], strict=True)):
+        others, entries = matrix.names[at + 1 :], line.split()
+        if len(others) != len(entries):
+            what = f"{len(entries)} entries, {len(others)} are due"
+            raise DeclarationError(
+                what, where=f"reproduction, {matrix.label}, {name}", remedy="see the paper"
+            )
+        printed |= {
+            (name, other): float(entry) for other, entry in zip(others, entries, strict=True)
+        }
+    ours = {}
+    for a, b in printed:
+        sign = -1.0 if (a in turned) != (b in turned) else 1.0
+        ours[a, b] = sign * numbers(f"{matrix.study}: correlation.{a}.{b}").value
+    return Cells(tuple(matrix.names), printed, ours)

@@ -1,3 +1,3 @@
-"""What campaigns of the tracing loop are judged by: verdicts, names, their probabilities, and
-sigmas, over many flights whose truth is known.
+"""Scores of campaigns of the tracing loop on flights with a known truth: verdicts, names with their
+probabilities, and sigmas.
 """

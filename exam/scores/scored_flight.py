@@ -1,5 +1,5 @@
-"""One flight whose truth is known, marked: what was hidden, what the loop concluded, which names it
-gave and how sure it was.
+"""The score of one flight with a known truth: hidden effects, conclusion of the loop, and given
+names with their probabilities.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ NUMBERED = ("elastic-mode",)  # effects of which a record may have several, unde
 
 
 class Outcome(Enum):
-    """What became of the question whether anything is missing; the value is what files say."""
+    """Outcome of the question whether anything is missing in the model; the values are the words in
+    files.
+    """
 
     NAMED = "named"
     AMBIGUOUS = "ambiguous"
@@ -27,7 +29,7 @@ class Outcome(Enum):
 
 
 class Standing(Enum):
-    """An outcome held against the truth, the best first; ``NOTHING`` is right where nothing is
+    """An outcome compared with the truth, the best first. ``NOTHING`` is right if nothing is
     hidden.
     """
 
@@ -41,8 +43,8 @@ class Standing(Enum):
 
 @dataclass(frozen=True)
 class Stated:
-    """A name with the probability that the loop gave it: ``first`` of its claim or an alternative,
-    and whether it is ``right``.
+    """A name with the probability that the loop gave it, whether it is the ``first`` of its claim
+    or an alternative, and whether it is ``right``.
     """
 
     name: str
@@ -57,12 +59,16 @@ class ScoredFlight:
 
     Attributes
     ----------
-    hidden : names of what was hidden, of effects of the library and others. given : names of the
-    claims. right : every hidden effect is named, by a claim or among its alternatives, and nothing
-    else; nothing is claimed where nothing is hidden. false : claims behind which nothing true
-    stands. stated : every name that has a probability. errors : of the parameters of effects that
-    are named right, in reported sigmas, by ``EFFECT.PARAMETER``. held_out_before, held_out_after :
-    root mean square error on the held-out record over the noise, all channels.
+    hidden : names of the hidden effects, in and outside the library.
+    given : names of the claims.
+    right : whether every hidden effect, and nothing else, is named by a claim or among its
+        alternatives; if nothing is hidden, whether nothing is claimed.
+    false : claims that do not correspond to any true cause.
+    stated : all names that have a probability.
+    errors : errors of the parameters of effects that are named right, in reported sigmas, by
+        ``EFFECT.PARAMETER``.
+    held_out_before, held_out_after : root mean square error on the held-out record over the noise,
+        all channels.
     """
 
     hidden: tuple[str, ...]
@@ -78,7 +84,7 @@ class ScoredFlight:
 
     @property
     def standing(self) -> Standing:
-        """The outcome against the truth."""
+        """The outcome compared with the truth."""
         if self.outcome is Outcome.NAMED:
             return Standing.RIGHT if self.right else Standing.WRONG
         if self.outcome is Outcome.AMBIGUOUS:
@@ -87,12 +93,12 @@ class ScoredFlight:
 
 
 def claims_of(diagnosis: Diagnosis) -> list[Claim]:
-    """What is claimed, hints left out."""
+    """Return the claimed effects, without hints."""
     return [claim for claim in diagnosis.effects if claim.claimed]
 
 
 def outcome_of(verdict: str, claims: Collection[object]) -> Outcome:
-    """The outcome of a verdict with its claims."""
+    """Return the outcome of a verdict with its claims."""
     if verdict == Verdict.CONSISTENT.value:
         return Outcome.NOTHING
     if verdict == Verdict.UNEXPLAINED.value or not claims:
@@ -101,14 +107,14 @@ def outcome_of(verdict: str, claims: Collection[object]) -> Outcome:
 
 
 def plain_name(name: str) -> str:
-    """A name without the number that an effect bears of which a record may have several."""
+    """Return a name without the number of an effect of which a record may have several."""
     plain = name.partition("#")[0]
     return plain.partition(":")[0] if plain.startswith(NUMBERED) else plain
 
 
 def stated_by(claims: Sequence[Claim], right: Collection[str]) -> tuple[Stated, ...]:
-    """All names of some claims that have a probability; ``right`` are the names that count as
-    right.
+    """Return all names of some claims that have a probability; ``right`` are the names that count
+    as right.
     """
     return tuple(
         Stated(name, p, name == claim.name, plain_name(name) in right)
@@ -121,8 +127,9 @@ def stated_by(claims: Sequence[Claim], right: Collection[str]) -> tuple[Stated, 
 def parameter_errors(
     claims: Sequence[Claim], truth: Mapping[str, Mapping[str, float]]
 ) -> dict[str, float]:
-    """Errors of effects' parameters in reported sigmas, ``EFFECT.PARAMETER``; ``truth`` has true
-    local values by name of an effect.
+    """Return the errors of effects' parameters in reported sigmas, by ``EFFECT.PARAMETER``.
+
+    ``truth`` has the true local values by name of the effect.
     """
     return {
         f"{claim.name}.{local}": float((found.value - truth[claim.name][local]) / found.std)
@@ -133,15 +140,16 @@ def parameter_errors(
 
 
 def is_curve(name: str) -> bool:
-    """Whether an effect of the library is a curve, whose coefficients hang on the range that a
-    search saw: no truth is comparable with them.
+    """Return whether an effect of the library is a curve.
+
+    Its coefficients depend on the range that a search saw, so no truth can be compared with them.
     """
     return any(isinstance(effect, RangedCurve) for effect in library() if effect.name == name)
 
 
 def over_noise(figures: ErrorFigures, noise: Mapping[str, float]) -> float:
-    """Root mean square of a simulation error over the noise of its channels: one where only noise
-    is left.
+    """Return the root mean square of a simulation error over the noise of its channels; it is one
+    for noise alone.
     """
     squares = [
         (rmse / noise[name]) ** 2

@@ -1,3 +1,3 @@
-"""Flights that look measured: filtered, coloured, scattered, drifting; on top one dominant effect,
-two, or none.
+"""Surrogate flights, which look measured: filtered, coloured, scattered and drifting signals,
+with one dominant effect, two, or none.
 """

@@ -1,17 +1,25 @@
-"""Many flights of one surrogate flight: how often what dominates is named, how often something
-false is, and whether intervals hold.
+"""Many flights of one surrogate flight: rates of names, and coverage of intervals; tables and
+files.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
-from exam.repeated import LoopFlights
+from exam.repeated import FlownCampaign, LoopFlights
 from exam.scores.rates import Scores, hidden_label
+from exam.scores.report import (
+    SHARED,
+    scores_blocks,
+    share_cells,
+    share_content,
+    write_campaign_folder,
+)
 from exam.scores.scored_flight import (
     ScoredFlight,
     claims_of,
@@ -26,24 +34,31 @@ from exam.surrogates.declaration import Surrogate
 from exam.surrogates.pseudo_true import PseudoTrue, has_limit, pseudo_true
 from exam.surrogates.study import Naming, Progress, SurrogateStudy, acts, run_surrogate
 from ident.tracing.diagnosis import Claim, Quantity
+from scenarios.diagnosis.text import bounded
+from scenarios.report.document import PURE, Cell, Column, Number, Page, counted
+from scenarios.report.figure_formats import USUAL, Drawn, Formats
+from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines
+from scenarios.report.terminal import cell_text, rows_table, table_as_lines
 from scenarios.studies.campaign import plain
 from sim.declaration.proposal import RangedCurve
 from sim.errors import FlightidError
 
-BLOCK = 1.0  # s, of held-out error: longer than what residuals remember
+# ---- Many flights of one surrogate flight
+
+BLOCK = 1.0  # s, blocks of held-out error, longer than the correlation time of residuals
 SIGMAS = 2.0
-SPREAD = 1_000_003  # between the seeds of flights and those of their pseudo-true values
+SPREAD = 1_000_003  # offset between the seeds of flights and of their pseudo-true values
 
 
 @dataclass(frozen=True)
 class Judged:
-    """One flight: what was hidden and how it was named, what was claimed falsely, whether the
-    held-out error grew by more than its scatter.
+    """One flight: hidden effects and how they were named, false claims, and whether the held-out
+    error increased by more than its scatter.
 
-    ``claimed`` : claims and hints (these in parentheses) with their alternatives. ``errors`` by
-    derivative: estimate minus pseudo-true over the reported sigma; ``bias``: pseudo-true minus
-    nominal, a share of it; both empty where pseudo-true values were not asked for or could not be
-    fitted.
+    ``claimed`` has claims and hints (in parentheses) with their alternatives. ``errors`` has, by
+    derivative, the estimate minus the pseudo-true value over the reported sigma. ``bias`` has the
+    pseudo-true minus the nominal value, relative to the latter. Both are empty without pseudo-true
+    values.
     """
 
     seed: int
@@ -61,8 +76,8 @@ class Judged:
 def judge_flight(
     surrogate: Surrogate, seed: int, progress: Progress = lambda stage, share: None
 ) -> Judged:
-    """Fly and diagnose one flight, and hold it against the truth and, with ``draws`` above zero,
-    against pseudo-true values.
+    """Fly and diagnose one flight, and compare the diagnosis with the truth and, with ``draws``
+    above zero, with pseudo-true values.
     """
     study = run_surrogate(surrogate, seed, progress)
     limit = reference(study) if surrogate.draws else None
@@ -90,10 +105,10 @@ def judge_flight(
 
 
 def scored_flight_of(study: SurrogateStudy) -> ScoredFlight:
-    """The same flight for the statistics that all campaigns of the loop have in common; a small
-    cause that acts is no false name.
+    """Return the score of a flight for the statistics that all campaigns have in common.
 
-    It is right where what dominates is named and nothing claimed that does not act.
+    It is right if the dominant effects are named and no claim is false. A small cause that acts is
+    not a false name.
     """
     d, claims = study.tracing.diagnosis, claims_of(study.tracing.diagnosis)
     right = frozenset().union(*(same_fault(name) for name, _ in study.named))
@@ -127,16 +142,17 @@ def _said(claim: Claim) -> str:
 
 
 def claimed_model(study: SurrogateStudy) -> dict[str, Quantity]:
-    """Derivatives of the declared model with what was claimed: those before where nothing was,
-    since hints are no claims.
+    """Return the derivatives of the declared model with the claimed effects.
+
+    Without a claim they are those before the search, since hints are not claims.
     """
     claimed = any(claim.claimed for claim in study.tracing.diagnosis.effects)
     return {row.name: row.after if claimed else row.before for row in study.derivatives}
 
 
 def reference(study: SurrogateStudy) -> PseudoTrue | None:
-    """Pseudo-true values of the declared model with what was claimed; None where it cannot be
-    fitted, to one flight or to many (``has_limit``).
+    """Return the pseudo-true values of the declared model with the claimed effects; None if it
+    cannot be fitted to one flight or to many (``has_limit``).
     """
     claims = {
         c.name: {k: q.value for k, q in c.parameters.items()}
@@ -161,8 +177,8 @@ def reference(study: SurrogateStudy) -> PseudoTrue | None:
 
 
 def worsened(study: SurrogateStudy) -> bool:
-    """Whether the held-out error, all channels at their own scale, is larger after than before by
-    more than two sigmas of its blocks.
+    """Return whether the held-out error, all channels scaled, increased by more than two sigmas of
+    its blocks.
     """
     changes: list[float] = []
     for p in study.tracing.diagnosis.predictions:
@@ -178,13 +194,13 @@ def worsened(study: SurrogateStudy) -> bool:
 
 
 def scores_of(judged: Sequence[Judged]) -> Scores:
-    """The flights for the statistics that all campaigns of the loop have in common."""
+    """Return the flights for the statistics that all campaigns have in common."""
     marked = [flight.marked for flight in judged if flight.marked is not None]
     return Scores(marked, [hidden_label(each) for each in marked])
 
 
 def surrogate_flights(surrogate: Surrogate) -> LoopFlights:
-    """Flights of a surrogate flight, each diagnosed and judged."""
+    """Return the tasks of a surrogate flight, each diagnosed and judged."""
     return LoopFlights(
         surrogate.name, partial(_judge, surrogate), Judged, {"surrogate": plain(surrogate)}
     )
@@ -195,7 +211,7 @@ def _judge(surrogate: Surrogate, number: int, seed: int) -> Judged:
 
 
 def shares(judged: Sequence[Judged]) -> dict[str, Share]:
-    """The shares that a campaign is for, by their names in ``campaign.json``."""
+    """Return the main shares of the campaign, by their names in ``campaign.json``."""
     return {
         "named": share_within_flights(
             [how is not Naming.MISSED for _, how in flight.named] for flight in judged
@@ -213,7 +229,7 @@ def shares(judged: Sequence[Judged]) -> dict[str, Share]:
 
 
 def by_effect(judged: Sequence[Judged]) -> dict[str, tuple[int, int, int]]:
-    """Hidden effect -> flights, named alone, named in a group."""
+    """Return, by hidden effect, the numbers of flights, of names alone, and of names in a group."""
     rows: dict[str, tuple[int, int, int]] = {}
     for name, how in sorted(
         (pair for flight in judged for pair in flight.named), key=lambda pair: pair[0]
@@ -224,8 +240,8 @@ def by_effect(judged: Sequence[Judged]) -> dict[str, tuple[int, int, int]]:
 
 
 def by_derivative(judged: Sequence[Judged]) -> dict[str, tuple[Share, float, float]]:
-    """Derivative -> within two sigmas of the pseudo-true value; of its bias against the nominal one
-    the median and the median size.
+    """Return, by derivative, the share within two sigmas of the pseudo-true value, and the median
+    and the median size of its bias.
     """
     names = list(dict.fromkeys(name for flight in judged for name in flight.errors))
     out = {}
@@ -236,3 +252,159 @@ def by_derivative(judged: Sequence[Judged]) -> dict[str, tuple[Share, float, flo
         )
         out[name] = (inside, float(np.median(bias)), float(np.median(np.abs(bias))))
     return out
+
+
+# ---- A campaign of surrogate flights in tables, and as files
+
+SHARES = (Column("share"), *SHARED)
+EFFECTS = (
+    Column("hidden effect"),
+    *(Column(heading, PURE) for heading in ("flights", "named alone", "in a group")),
+)
+DERIVATIVES = (
+    Column("derivative"),
+    *SHARED,
+    Column("bias, median", PURE),
+    Column("its size, median", PURE),
+)
+TITLE = (
+    "within two sigmas of the pseudo-true value; apart from it the bias of that value against the "
+    "nominal derivative"
+)
+_LABELS = {
+    "named": "hidden effects named, alone or in a group",
+    "named_alone": "hidden effects named alone",
+    "false_claims": "flights with a claim that nothing true stands behind",
+    "small_claims": "flights with a claim of a small cause that acts",
+    "held_out_worse": "held-out error made worse than its scatter",
+    "within_two_sigma": "derivatives within two sigmas of pseudo-true values",
+}
+
+
+def campaign_text(
+    surrogate: Surrogate,
+    judged: Sequence[Judged],
+    seeds: str,
+    width: int = WIDTH,
+    details: str = BELOW,
+) -> str:
+    """Return a summary, shares with intervals, and tables by effect and by derivative; ``seeds`` is
+    a text.
+    """
+    rows = share_rows(judged)
+    summary = Summary(
+        f"{surrogate.name}: {surrogate.title}; {len(judged)} flights, {seeds}",
+        verdict_counts(judged),
+        "; ".join(f"{cell_text(row[0])} {cell_text(row[2])} ({row[3]})" for row in rows[:2]),
+        details=details,
+    )
+    blocks = [
+        summary_lines(summary, width),
+        [f"{surrogate.name}: {len(judged)} flights, {seeds}", verdict_counts(judged)],
+        table_as_lines(rows_table("", SHARES, rows), width),
+        false_lines(judged),
+        table_as_lines(rows_table("", EFFECTS, effect_rows(judged)), width),
+        table_as_lines(rows_table(TITLE, DERIVATIVES, derivative_rows(judged)), width),
+        *scores_blocks(scores_of(judged), width),
+    ]
+    return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+
+
+def verdict_counts(judged: Sequence[Judged]) -> str:
+    """Return the number of flights with each verdict."""
+    verdicts = {
+        flight.verdict: sum(other.verdict == flight.verdict for other in judged)
+        for flight in judged
+    }
+    return ", ".join(f"{count} {name}" for name, count in verdicts.items())
+
+
+def share_rows(judged: Sequence[Judged]) -> list[tuple[Cell, ...]]:
+    """Return the cells of the columns ``SHARES``."""
+    found = shares(judged).items()
+    return [(_LABELS[key], *share_cells(share)) for key, share in found if share.of]
+
+
+def false_lines(judged: Sequence[Judged]) -> list[str]:
+    """Return a line for each false claim."""
+    return [
+        f"seed {flight.seed}: {' and '.join(flight.false)} claimed, and not there"
+        for flight in judged
+        if flight.false
+    ]
+
+
+def effect_rows(judged: Sequence[Judged]) -> list[tuple[Cell, ...]]:
+    """Return the cells of the columns ``EFFECTS``."""
+    return [(name, *map(counted, counts)) for name, counts in by_effect(judged).items()]
+
+
+def derivative_rows(judged: Sequence[Judged]) -> list[tuple[Cell, ...]]:
+    """Return the cells of the columns ``DERIVATIVES``."""
+    found = by_derivative(judged).items()
+    return [
+        (
+            name,
+            *share_cells(inside),
+            Number(100.0 * middle, unit="%", shown=f"{100.0 * middle:+.1f} %"),
+            Number(100.0 * size, unit="%", shown=f"{100.0 * size:.1f} %"),
+        )
+        for name, (inside, middle, size) in found
+    ]
+
+
+def write_campaign(
+    surrogate: Surrogate,
+    done: FlownCampaign,
+    out: str | Path,
+    paged: Callable[[Sequence[Drawn]], Page],
+    figures: Formats = USUAL,
+) -> Path:
+    """Write ``flights.csv`` with a row for each flight, figures, the page that ``paged`` makes with
+    them, and ``campaign.json`` (last).
+    """
+    judged: Sequence[Judged] = done.found
+    rows = [
+        [
+            flight.seed,
+            flight.verdict,
+            *map(
+                " + ".join,
+                (
+                    [name for name, _ in flight.named],
+                    [each.name.lower() for _, each in flight.named],
+                    flight.claimed,
+                    flight.false,
+                    flight.small,
+                ),
+            ),
+            int(flight.worse),
+        ]
+        for flight in judged
+    ]
+    content = {
+        "schema": "flightid/campaign/1",
+        "scenario": surrogate.name,
+        **done.content,
+        "shares": {key: share_content(share) for key, share in shares(judged).items()},
+        "effects": {
+            name: {"flights": n, "alone": alone, "group": grouped}
+            for name, (n, alone, grouped) in by_effect(judged).items()
+        },
+        "derivatives": {
+            name: {
+                "within_two_sigma": inside.count,
+                "of": inside.of,
+                "bias": bounded(middle),
+                "bias_size": bounded(size),
+            }
+            for name, (inside, middle, size) in by_derivative(judged).items()
+        },
+    }
+    columns = (
+        *("seed", "verdict", "hidden", "named"),
+        *("said", "false_claims", "small_claims", "worse"),
+    )
+    return write_campaign_folder(
+        out, surrogate.name, scores_of(judged), columns, rows, content, paged, figures
+    )

@@ -1,5 +1,5 @@
-"""Plain fits of a surrogate flight's declared model: for the size of what is hidden, for what the
-small causes leave, for pseudo-true values.
+"""Plain fits of a surrogate flight's declared model, for the size of hidden effects, for the
+residuals by the small causes, and for pseudo-true values.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ def declared_model(
     starts: Mapping[str, float],
     effects: Sequence[tuple[Effect, Mapping[str, float]]] = (),
 ) -> Model:
-    """What the loop is told, with biases, and with effects that start at the values beside them;
-    all of these free that their effect leaves free.
+    """Return the declared model of the loop, with biases, and with effects that start at the given
+    values.
     """
     model = declared.with_values(starts).with_biases(measured_by(declared))
     for effect, values in effects:
@@ -36,14 +36,14 @@ def declared_model(
 
 
 def measured_by(model: Model) -> tuple[str, ...]:
-    """The outputs of a model, all of which are fitted."""
+    """Return the outputs of a model, all of which are fitted."""
     return tuple(signal.name for signal in model.equations.outputs)
 
 
 def fitted(
     records: Sequence[Record], model: Model, *, coloured: bool = False, step: float = 0.01
 ) -> Fit:
-    """Output error over whole records together; ModelError where no finite cost is found."""
+    """Fit all records by output error; raise ModelError if no finite cost is found."""
     names = measured_by(model)
     layout = lay_out(
         [record.only(names) for record in records],
@@ -61,12 +61,14 @@ def fitted(
 
 
 def estimated(fit: Fit) -> Estimate:
-    """The shared parameters of a fit."""
+    """Return the shared parameters of a fit."""
     return estimate_of(fit)
 
 
 def misfit(records: Sequence[Record], model: Model) -> np.ndarray:
-    """Root mean square residual of a fit by channel, ``(m,)``, in the channels' units."""
+    """Return the root mean square residual of a fit by channel, ``(m,)``, in the channels'
+    units.
+    """
     residuals = np.concatenate(fitted(records, model).residuals, axis=1)
     return np.sqrt(np.mean(residuals**2, axis=1))
 
@@ -74,11 +76,11 @@ def misfit(records: Sequence[Record], model: Model) -> np.ndarray:
 def left_over(
     records: Sequence[Record], model: Model, noise: Mapping[str, float]
 ) -> dict[str, np.ndarray]:
-    """What each record by itself leaves unexplained, by channel.
+    """Return properties of the residuals of each record, fitted alone, by channel.
 
-    ``correlation``: that of residuals one sample apart; ``excess``: root mean square over the
-    sensor noise (only where there is one); ``inflation``: by derivative, scatter from record to
-    record over the median sigma of white residuals.
+    ``correlation`` is that of residuals one sample apart, and ``excess`` the root mean square over
+    the sensor noise (if there is any). ``inflation`` is, by derivative, the scatter between records
+    over the median sigma for white residuals.
     """
     fits = [fitted([record], model) for record in records]
     estimates = [estimated(fit) for fit in fits]

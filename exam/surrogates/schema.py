@@ -1,17 +1,18 @@
-"""The schema of surrogate flight scenarios (pydantic), and the way from a checked file to a
-Surrogate; imported only when one is read.
+"""The schema of surrogate flight scenarios (pydantic), the conversion of a checked file to a
+Surrogate, and the declared flights by name.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field
 
 from exam.aircraft import AIRCRAFT
-from exam.surrogates.axes import AXES
 from exam.surrogates.declaration import (
+    AXES,
     LATERAL,
     LONGITUDINAL,
     Causes,
@@ -21,12 +22,13 @@ from exam.surrogates.declaration import (
     Surrogate,
 )
 from exam.surrogates.flights.dominant import OF_AXIS
-from exam.surrogates.flights.lateral.maneuvers import PAIRS
+from exam.surrogates.flights.kinds import SIZES
+from exam.surrogates.flights.lateral.drawing import PAIRS
 from exam.surrogates.flights.maneuvers import KINDS as MANEUVERS
 from exam.surrogates.flights.maneuvers import USUAL
-from exam.surrogates.flights.sizes import SIZES
 from scenarios.files.declarations import CHANNEL_UNITS, checked, closest
 from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
+from scenarios.studies.catalogue import load_document
 from scenarios.studies.schema import Quantity, positive, si
 from sim.errors import DeclarationError
 
@@ -128,7 +130,7 @@ OF_LONGITUDINAL = ("trim_alpha", "total", "optional", "once", "level")
 
 
 def surrogate_of(document: Mapping[str, Any], name: str, where: str) -> Surrogate:
-    """A Surrogate from the content of its file; ``where`` names the file in messages.
+    """Return a Surrogate from the content of its file; ``where`` names the file in messages.
 
     Raises
     ------
@@ -279,3 +281,32 @@ def _known(names: Sequence[str], known: tuple[str, ...], what: str, where: str) 
             raise DeclarationError(
                 f"there is no {what} {name!r}", where=where, remedy=closest(name, known)
             )
+
+
+# ---- The declared flights by name
+
+CATALOG = Path(__file__).parent / "catalog"
+USUAL_SURROGATE = "surrogate-one"
+
+
+def surrogate_names() -> tuple[str, ...]:
+    """Return the names of the declared surrogate flights, sorted."""
+    return tuple(sorted(path.stem for path in CATALOG.glob("*.toml")))
+
+
+def load_surrogate(name: str, changes: Sequence[str] = ()) -> Surrogate:
+    """Return a surrogate flight by its name or the path of its TOML file, with ``"key=value"``
+    changes.
+
+    Raises
+    ------
+    DeclarationError : there is none of that name, or a key or value in its file is wrong.
+    """
+    if not name.endswith(".toml") and name not in surrogate_names():
+        remedy = closest(name, surrogate_names())
+        raise DeclarationError(
+            f"there is no surrogate flight {name!r}", where="exam", remedy=remedy
+        )
+    file = name if name.endswith(".toml") else str(CATALOG / f"{name}.toml")
+    document, short, where = load_document(file, changes)
+    return surrogate_of(document, short, where if file == name else f"{name}.toml")

@@ -1,6 +1,4 @@
-"""Runs a surrogate flight: fly, hand the files to the loop, and say what the truth says of its
-verdict.
-"""
+"""A surrogate flight is flown, its files are diagnosed, and the verdict is scored by the truth."""
 
 from __future__ import annotations
 
@@ -22,7 +20,7 @@ Progress = Callable[[str, float], None]
 
 
 class Naming(Enum):
-    """What became of one hidden effect."""
+    """Outcome for one hidden effect."""
 
     ALONE = "named"
     IN_GROUP = "named among the alternatives of a claim"
@@ -31,7 +29,7 @@ class Naming(Enum):
 
 @dataclass(frozen=True)
 class Moved:
-    """One derivative: nominal, before and after."""
+    """One derivative: nominal, before and after the search."""
 
     name: str
     nominal: float
@@ -65,7 +63,7 @@ class SurrogateStudy:
 def run_surrogate(
     surrogate: Surrogate, seed: int | None = None, progress: Progress = lambda stage, share: None
 ) -> SurrogateStudy:
-    """Fly, diagnose on the files alone, score.
+    """Fly, diagnose from the files alone, and score.
 
     Raises
     ------
@@ -86,14 +84,16 @@ def diagnosed(
     model: str,
     progress: Progress = lambda stage, share: None,
 ) -> Tracing:
-    """The loop on all records of a flight: the last one predicted, the others fitted together."""
+    """Diagnose all records of a flight: the last one is held out, the others are fitted
+    together.
+    """
     return diagnose_files(
         Request(tuple(records[:-1]), model, vehicle, tuple(records[-1:])), progress
     )
 
 
 def scored(surrogate: Surrogate, seed: int, flight: Flight, tracing: Tracing) -> SurrogateStudy:
-    """A diagnosis held against the truth."""
+    """Score a diagnosis by the truth."""
     d = tracing.diagnosis
     claims = [claim for claim in d.effects if claim.claimed]
     hidden = [dominant.name for dominant in flight.drawn.hidden]
@@ -129,7 +129,9 @@ def scored(surrogate: Surrogate, seed: int, flight: Flight, tracing: Tracing) ->
 
 
 def naming(hidden: str, claims: Sequence[Claim]) -> Naming:
-    """Whether claims name a hidden effect; a lag and a delay of one sensor are one name."""
+    """Return whether claims name a hidden effect; a lag and a delay of one sensor count as one
+    name.
+    """
     right = same_fault(hidden)
     if any(claim.name in right for claim in claims):
         return Naming.ALONE
@@ -141,7 +143,7 @@ def naming(hidden: str, claims: Sequence[Claim]) -> Naming:
 
 
 def acts(name: str, causes: Causes) -> bool:
-    """Whether an effect of the library is one of the small causes at these levels."""
+    """Return whether an effect of the library is one of the small causes at these levels."""
     kind = name.partition("#")[0]
     return {
         "gust-turbulence": causes.turbulence > 0,

@@ -235,7 +235,7 @@ def loop_test(
     Parameters
     ----------
     sweep : ``(N,)``, deg of u_p at every frame.
-    rng : of noise and rough air.
+    rng : source of the noise and of the rough air.
 
     Returns
     -------
@@ -278,15 +278,17 @@ def loop_test(
 
 
 def _empty(outputs: int, inputs: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the matrices A, B and C of a block without states."""
     return np.zeros((0, 0)), np.zeros((0, inputs)), np.zeros((outputs, 0))
 
 
 def _named(
     block: Matrices, inputs: list[str], outputs: list[str], name: str, frame: float = 0.0
 ) -> Any:
+    """Return a block as a python-control system with named signals; ``frame`` is its step, s."""
     import control
 
-    # Without states a block is continuous and sampled alike.
+    # A block without states is the same in continuous and in sampled time.
     dt = None if block.A.size == 0 else frame
     return control.ss(
         block.A, block.B, block.C, block.D, dt, inputs=inputs, outputs=outputs, name=name
@@ -348,9 +350,10 @@ def equivalent_system(x29: X29, L_q: float = 1.01) -> EquivalentSystem:
     """Fit a low-order equivalent of the recorded linear loop at 40 frequencies from 0.35 to 14
     rad/s; the skew of the recorded stick counts as delay.
 
-    The response is that from frame to frame, without the hold of the sampled stick; the delay of a
-    record whose stick is held between 40 Hz samples is about half a frame (6 ms) shorter. L_delta
-    is poorly determined: it mostly compensates an ``L_q`` that differs from the airframe's.
+    The response relates stick and outputs at the same frames, without the hold of the sampled
+    stick. If the stick of a record is held between 40 Hz samples, the delay of the record is about
+    half a frame (6 ms) shorter. L_delta is poorly determined: it mostly compensates an ``L_q`` that
+    differs from the airframe's.
     """
     omega = np.geomspace(*_MATCHED_BAND, _MATCHED_FREQUENCIES)
     response = frequency_response(x29, omega, recorded=True)
@@ -428,7 +431,9 @@ def _from_near(
     gravity: float,
     L_q: float,
 ) -> EquivalentSystem | None:
-    """Fit by Gauss-Newton steps from the equivalent of a similar loop; or return None."""
+    """Return the fit by Gauss-Newton steps from the equivalent of a similar loop; None if they do
+    not converge.
+    """
     p, nudge = np.array([getattr(near, name) for name in FITTED_NAMES]), 1e-7 * _SCALE
 
     def errors(columns: np.ndarray) -> np.ndarray:
@@ -481,8 +486,10 @@ def _system(
 def equivalent_response(
     values: Mapping[str, Any], omega: np.ndarray, airspeed: float, gravity: float, L_q: float
 ) -> np.ndarray:
-    """Return the response of alpha, q and incremental nz to the stick for values of
-    ``FITTED_NAMES``, complex ``(3, n)``; of values ``(k, 1)`` ``(3, k, n)``.
+    """Return the response of alpha, q and incremental nz to the stick, complex ``(3, n)``, for
+    values of ``FITTED_NAMES``.
+
+    If the values have the shape ``(k, 1)``, the response has the shape ``(3, k, n)``.
     """
     L_alpha, M_alpha, M_q, M_delta, L_delta, inv_tau, delay = (
         values[name] for name in FITTED_NAMES

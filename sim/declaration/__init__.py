@@ -1,4 +1,4 @@
-"""What a model is: parameters, signals, effects, equations, the compiled system."""
+"""Declaration of a model: parameters, signals, effects, equations, and the compiled system."""
 
 from sim.declaration.user_model import own_model
 

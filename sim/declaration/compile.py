@@ -49,7 +49,7 @@ from sim.errors import ModelError
 
 # ---- Parts of a declared model
 
-_FOLLOWED: WeakKeyDictionary[type, dict[Any, bool]] = WeakKeyDictionary()
+_FOLLOWS: WeakKeyDictionary[type, dict[Any, bool]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +59,13 @@ class EffectStages:
     Attributes
     ----------
     inputs, sensors : effects that act on whole paths.
-    moved_in, moved_out : input and sensor effects that are states of an on-line System.
-    varying, varying_together : effects that change parameters of the equations.
-    jumps : effects that move the states of the equations.
+    online_inputs, online_sensors : input and sensor effects whose states are among those of an
+        on-line System.
+    varying, varying_groups : effects that change parameters of the equations.
+    jumps : effects that make states of the equations jump.
     clocks : effects that scale the time of ``dynamics``.
     slices : by effect name, the places of its states among ``states``.
-    own : by effect name, a function that selects its parameters from those of the model.
+    select : by effect name, a function that selects its parameters from those of the model.
     vehicle_of : a function that selects the parameters of the equations.
     bias_index : by output, the place of its bias among the parameters.
     """
@@ -72,18 +73,18 @@ class EffectStages:
     model: Model
     outputs: tuple[Signal, ...]
     inputs: tuple[InputEffect, ...]
-    moved_in: tuple[Any, ...]
+    online_inputs: tuple[Any, ...]
     varying: tuple[ParameterEffect, ...]
-    varying_together: tuple[GroupEffect, ...]
+    varying_groups: tuple[GroupEffect, ...]
     dynamics: tuple[DynamicsEffect, ...]
     readings: tuple[ReadingEffect, ...]
     sensors: tuple[SensorEffect, ...]
-    moved_out: tuple[Any, ...]
+    online_sensors: tuple[Any, ...]
     jumps: tuple[StateJumpEffect, ...]
     clocks: tuple[ClockEffect, ...]
     states: tuple[Signal, ...]
     slices: Mapping[str, slice]
-    own: Mapping[str, Callable[[Rows], Any]]
+    select: Mapping[str, Callable[[Rows], Any]]
     vehicle_of: Callable[[Rows], Any]
     bias_index: Mapping[str, int]
 
@@ -104,34 +105,34 @@ def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> Effec
     equations = model.equations
     chosen = _chosen_outputs(model, outputs)
     wanted = {signal.name for signal in chosen}
-    inputs: list[InputEffect] = in_order(_following(model, InputEffect))
-    sensor_effects: list[SensorEffect] = in_order(_following(model, SensorEffect))
+    inputs: list[InputEffect] = in_order(_effects_following(model, InputEffect))
+    sensor_effects: list[SensorEffect] = in_order(_effects_following(model, SensorEffect))
     sensors = [effect for effect in sensor_effects if effect.channel in wanted]
-    dynamics = _following(model, DynamicsEffect)
-    moved_in, moved_out = (
-        (_state_forms(model, inputs), _state_forms(model, sensors)) if online else ([], [])
+    dynamics = _effects_following(model, DynamicsEffect)
+    online_inputs, online_sensors = (
+        (_with_state_form(model, inputs), _with_state_form(model, sensors)) if online else ([], [])
     )
     states = list(equations.states)
     for effect in dynamics:
         states += effect.states
     slices: dict[str, slice] = {}
-    for online_effect in [*moved_in, *moved_out]:
+    for online_effect in [*online_inputs, *online_sensors]:
         first = len(states)
         states += online_effect.online_states
         slices[online_effect.name] = slice(first, len(states))
     return EffectStages(
         model,
         chosen,
-        tuple(effect for effect in inputs if effect not in moved_in),
-        tuple(moved_in),
-        tuple(_following(model, ParameterEffect)),
-        tuple(_following(model, GroupEffect)),
+        tuple(effect for effect in inputs if effect not in online_inputs),
+        tuple(online_inputs),
+        tuple(_effects_following(model, ParameterEffect)),
+        tuple(_effects_following(model, GroupEffect)),
         tuple(dynamics),
-        tuple(in_order(_following(model, ReadingEffect))),
-        tuple(effect for effect in sensors if effect not in moved_out),
-        tuple(moved_out),
-        tuple(_following(model, StateJumpEffect)),
-        tuple(_following(model, ClockEffect)),
+        tuple(in_order(_effects_following(model, ReadingEffect))),
+        tuple(effect for effect in sensors if effect not in online_sensors),
+        tuple(online_sensors),
+        tuple(_effects_following(model, StateJumpEffect)),
+        tuple(_effects_following(model, ClockEffect)),
         tuple(states),
         slices,
         {effect.name: _gather(model, effect) for effect in model.effects},
@@ -140,17 +141,18 @@ def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> Effec
     )
 
 
-def _following(model: Model, protocol: Any) -> list[Any]:
-    """Return the effects of a model that follow a protocol; cached by class and attribute names,
-    since the check inspects all attributes.
+def _effects_following(model: Model, protocol: Any) -> list[Any]:
+    """Return the effects of a model that follow a protocol.
+
+    Answers are cached by class and attribute names, since the check inspects all attributes.
     """
     result = []
     for effect in model.effects:
-        known = _FOLLOWED.setdefault(type(effect), {})
-        question = (protocol, *getattr(effect, "__dict__", ()))
-        if question not in known:
-            known[question] = isinstance(effect, protocol)
-        if known[question]:
+        known = _FOLLOWS.setdefault(type(effect), {})
+        key = (protocol, *getattr(effect, "__dict__", ()))
+        if key not in known:
+            known[key] = isinstance(effect, protocol)
+        if known[key]:
             result.append(effect)
     return result
 
@@ -169,11 +171,14 @@ def _chosen_outputs(model: Model, outputs: Sequence[str] | None) -> tuple[Signal
     return tuple(known[name] for name in outputs)
 
 
-def _state_forms(model: Model, effects: Sequence[Any]) -> list[Any]:
-    moved: list[Any] = []
+def _with_state_form(model: Model, effects: Sequence[Any]) -> list[Any]:
+    """Return the effects that have a state form; raise ModelError if another one cannot run on
+    line.
+    """
+    with_form: list[Any] = []
     for effect in effects:
         if isinstance(effect, OnlineForm):
-            moved.append(effect)
+            with_form.append(effect)
             continue
         ahead = isinstance(effect, Anticipating) and effect.anticipates
         if ahead:
@@ -187,7 +192,7 @@ def _state_forms(model: Model, effects: Sequence[Any]) -> list[Any]:
             for item in effect.parameters
             if model.parameters[full_name(effect, item.name)].free
         ]
-        behind = any(other.signal == effect.signal for other in moved) and not (
+        behind = any(other.signal == effect.signal for other in with_form) and not (
             isinstance(effect, Commuting) and effect.commutes
         )
         if not isinstance(effect, InputEffect) or free or behind:
@@ -199,7 +204,7 @@ def _state_forms(model: Model, effects: Sequence[Any]) -> list[Any]:
                     "(output-error)"
                 ),
             )
-    return moved
+    return with_form
 
 
 def _gather(model: Model, effect: Effect) -> Callable[[Rows], Any]:
@@ -238,24 +243,17 @@ def signals_of(parts: EffectStages) -> Bus:
     """Return a function of all signals by name at one time, with the contributions of effects, and
     of the vehicle's parameters at that time.
     """
-    equations, own, slices = parts.model.equations, parts.own, parts.slices
-    moved_in = parts.moved_in
+    equations, select, slices = parts.model.equations, parts.select, parts.slices
+    online_inputs = parts.online_inputs
     vehicle_of, state_names, input_names = parts.vehicle_of, parts.state_names, parts.input_names
     zero_ports = {port.name: 0.0 for port in equations.ports}
-    varying = [(effect.parameter, effect.change, own[effect.name]) for effect in parts.varying]
-    together = [(effect.changes, own[effect.name]) for effect in parts.varying_together]
-    disturbances = [
-        (effect, own[effect.name])
-        for effect in parts.dynamics
-        if effect.station is Station.DISTURBANCE
-    ]
-    others = [
-        (effect, own[effect.name])
-        for effect in parts.dynamics
-        if effect.station is not Station.DISTURBANCE
-    ]
-    # The flow of a user's own model may depend on ports, to which dynamics add after the first
-    # evaluation of the flow.
+    varying = [(effect.parameter, effect.change, select[effect.name]) for effect in parts.varying]
+    together = [(effect.changes, select[effect.name]) for effect in parts.varying_groups]
+    dynamics = [(effect, select[effect.name]) for effect in parts.dynamics]
+    disturbances = [each for each in dynamics if each[0].station is Station.DISTURBANCE]
+    others = [each for each in dynamics if each[0].station is not Station.DISTURBANCE]
+    # The flow of a user model may depend on ports, to which effects of the dynamics add after the
+    # first evaluation of the flow.
     forms_ports = (
         bool(others)
         and isinstance(equations, OwnEquations)
@@ -270,9 +268,9 @@ def signals_of(parts: EffectStages) -> Bus:
         bus.update(zip(state_names, x, strict=False))
         bus.update(zip(input_names, u, strict=False))
         vehicle = vehicle_of(p)
-        for effect in moved_in:
+        for effect in online_inputs:
             bus[effect.signal] = effect.pass_on(
-                bus[effect.signal], x[slices[effect.name]], own[effect.name](p)
+                bus[effect.signal], x[slices[effect.name]], select[effect.name](p)
             )
         for effect, gather in disturbances:
             for port, value in effect.increments(s, vehicle, gather(p)).items():
@@ -305,7 +303,7 @@ def signals_of(parts: EffectStages) -> Bus:
 
 def measured_of(parts: EffectStages) -> Measured:
     """Return a function of all outputs by name as sensors without memory measure them."""
-    equations, own, readings = parts.model.equations, parts.own, parts.readings
+    equations, select, readings = parts.model.equations, parts.select, parts.readings
     base_outputs = tuple(signal.name for signal in equations.outputs)
     rates = (
         tuple(f"{signal.name}_dot" for signal in equations.states)
@@ -316,10 +314,10 @@ def measured_of(parts: EffectStages) -> Measured:
     def measured(s: Signals, vehicle: Any, p: Rows) -> dict[str, Any]:
         if rates:
             for name, rate in zip(rates, equations.derivatives(s, vehicle), strict=True):
-                s.__dict__.setdefault(name, rate)  # an own model may have a state of that name
+                s.__dict__.setdefault(name, rate)  # a user model may have a state of that name
         y = dict(zip(base_outputs, equations.measurements(s, vehicle), strict=True))
         for effect in readings:
-            y.update(effect.read(s, y, vehicle, own[effect.name](p)))
+            y.update(effect.read(s, y, vehicle, select[effect.name](p)))
         return y
 
     return measured
@@ -329,24 +327,24 @@ def dynamics_of(
     parts: EffectStages, signals: Bus, measured: Measured
 ) -> Callable[[Any, Rows, Rows, Rows], list[Any]]:
     """Return ``f``: the rates of all states, those of effects after those of the equations."""
-    equations, own, slices = parts.model.equations, parts.own, parts.slices
+    equations, select, slices = parts.model.equations, parts.select, parts.slices
     input_names = parts.input_names
-    moved_in, moved_out = parts.moved_in, parts.moved_out
-    with_states = [(effect, own[effect.name]) for effect in parts.dynamics if effect.states]
+    online_inputs, online_sensors = parts.online_inputs, parts.online_sensors
+    with_states = [(effect, select[effect.name]) for effect in parts.dynamics if effect.states]
     rate_names = (
         tuple(f"{signal.name}_dot" for signal in equations.states)
         if any(rates_read_by(effect) for effect, _ in with_states)
         else ()
     )
-    clocks = [(effect, own[effect.name]) for effect in parts.clocks]
-    jumps = [(effect, own[effect.name]) for effect in parts.jumps]
+    clocks = [(effect, select[effect.name]) for effect in parts.clocks]
+    jumps = [(effect, select[effect.name]) for effect in parts.jumps]
     place = {signal.name: row for row, signal in enumerate(equations.states)}
 
     def f(t: Any, x: Rows, u: Rows, p: Rows) -> list[Any]:
         s, vehicle = signals(t, x, u, p)
         rates = list(equations.derivatives(s, vehicle))
         for name, rate in zip(rate_names, rates, strict=False):
-            s.__dict__.setdefault(name, rate)  # an own model may have a state of that name
+            s.__dict__.setdefault(name, rate)  # a user model may have a state of that name
         for effect, gather in with_states:
             rates += effect.derivatives(s, vehicle, gather(p))
         for clock, gather in clocks:
@@ -355,16 +353,16 @@ def dynamics_of(
         for jump, gather in jumps:
             for name, rate in jump.added_rates(s, rates, gather(p)).items():
                 rates[place[name]] = rates[place[name]] + rate
-        if moved_in:
+        if online_inputs:
             bus = dict(zip(input_names, u, strict=True))
-            for effect in moved_in:
-                inside, parameters = x[slices[effect.name]], own[effect.name](p)
+            for effect in online_inputs:
+                inside, parameters = x[slices[effect.name]], select[effect.name](p)
                 rates += effect.rates(bus[effect.signal], inside, parameters)
                 bus[effect.signal] = effect.pass_on(bus[effect.signal], inside, parameters)
-        if moved_out:
+        if online_sensors:
             y = measured(s, vehicle, p)
-            for effect in moved_out:
-                inside, parameters = x[slices[effect.name]], own[effect.name](p)
+            for effect in online_sensors:
+                inside, parameters = x[slices[effect.name]], select[effect.name](p)
                 rates += effect.rates(y[effect.channel], inside, parameters)
                 y[effect.channel] = effect.pass_on(y[effect.channel], inside, parameters)
         return rates
@@ -376,15 +374,15 @@ def outputs_of(
     parts: EffectStages, signals: Bus, measured: Measured
 ) -> Callable[[Any, Rows, Rows, Rows], list[Any]]:
     """Return ``h``: the chosen outputs before sensors with memory, biases added."""
-    own, slices, moved_out = parts.own, parts.slices, parts.moved_out
+    select, slices, online_sensors = parts.select, parts.slices, parts.online_sensors
     bias_index, outputs = parts.bias_index, parts.outputs
 
     def h(t: Any, x: Rows, u: Rows, p: Rows) -> list[Any]:
         s, vehicle = signals(t, x, u, p)
         y = measured(s, vehicle, p)
-        for effect in moved_out:
+        for effect in online_sensors:
             y[effect.channel] = effect.pass_on(
-                y[effect.channel], x[slices[effect.name]], own[effect.name](p)
+                y[effect.channel], x[slices[effect.name]], select[effect.name](p)
             )
         for name, index in bias_index.items():
             y[name] = y[name] + p[index]
@@ -395,13 +393,13 @@ def outputs_of(
 
 def input_path_of(parts: EffectStages) -> Callable[[Rows, list[Any], np.ndarray], list[Any]]:
     """Return ``input_path``: cell means of the recorded inputs at the vehicle."""
-    own, inputs, input_names = parts.own, parts.inputs, parts.input_names
+    select, inputs, input_names = parts.select, parts.inputs, parts.input_names
 
     def input_path(p: Rows, u: list[Any], edges: np.ndarray) -> list[Any]:
         out = list(u)
         for effect in inputs:
             row = input_names.index(effect.signal)
-            out[row] = effect.act(edges, out[row], own[effect.name](p))
+            out[row] = effect.act(edges, out[row], select[effect.name](p))
         return out
 
     return input_path
@@ -411,7 +409,7 @@ def sensor_path_of(
     parts: EffectStages,
 ) -> Callable[[Rows, list[Any], list[Any], np.ndarray], tuple[list[Any], list[Any]]]:
     """Return ``sensor_path``: outputs after sensors with memory."""
-    own, sensors, bias_index = parts.own, parts.sensors, parts.bias_index
+    select, sensors, bias_index = parts.select, parts.sensors, parts.bias_index
     names = [signal.name for signal in parts.outputs]
 
     def sensor_path(
@@ -423,7 +421,7 @@ def sensor_path_of(
             # The bias of the recorded channel is added after the sensor.
             bias = p[bias_index[effect.channel]] if effect.channel in bias_index else 0.0
             new_begin, new_end = effect.act(
-                steps, begin[row] - bias, end[row] - bias, own[effect.name](p)
+                steps, begin[row] - bias, end[row] - bias, select[effect.name](p)
             )
             begin[row], end[row] = new_begin + bias, new_end + bias
         return begin, end
@@ -435,13 +433,13 @@ def sensor_memory_of(parts: EffectStages) -> Callable[[Rows], list[SensorMemory]
     """Return ``sensor_memory``: the response of sensors with memory to small fast motion."""
     names = [signal.name for signal in parts.outputs]
     sensor_effects = [each for each in parts.sensors if isinstance(each, RememberingEffect)]
-    rows = [(names.index(each.channel), each, parts.own[each.name]) for each in sensor_effects]
-    return lambda p: [SensorMemory(row, *each.memory(own(p))) for row, each, own in rows]
+    rows = [(names.index(each.channel), each, parts.select[each.name]) for each in sensor_effects]
+    return lambda p: [SensorMemory(row, *each.memory(pick(p))) for row, each, pick in rows]
 
 
 def noise_of(parts: EffectStages) -> Callable[[Rows], tuple[list[Any], list[Any]]]:
     """Return ``noise``: densities of the states' forcing, measurement variances of the outputs."""
-    model, own, dynamics = parts.model, parts.own, parts.dynamics
+    model, select, dynamics = parts.model, parts.select, parts.dynamics
     vehicle_of, outputs = parts.vehicle_of, parts.outputs
     state_names, at = parts.state_names, len(model.equations.states)
     random: list[tuple[slice, NoiseEffect]] = []
@@ -456,18 +454,14 @@ def noise_of(parts: EffectStages) -> Callable[[Rows], tuple[list[Any], list[Any]
         density: list[Any] = [declared.get(name, 0.0) for name in state_names]
         vehicle = vehicle_of(p)
         for places, effect in random:
-            density[places] = list(effect.density(vehicle, own[effect.name](p)))
+            density[places] = list(effect.density(vehicle, select[effect.name](p)))
         for clock in parts.clocks:
-            pace = clock.pace(own[clock.name](p))
+            pace = clock.pace(select[clock.name](p))
             density = [value / pace for value in density]
-        return density, [_measurement_variance(model, signal.name) for signal in outputs]
+        std = model.noise.measurement_std
+        return density, [std.get(signal.name, float("nan")) ** 2 for signal in outputs]
 
     return noise
-
-
-def _measurement_variance(model: Model, output: str) -> float:
-    std = model.noise.measurement_std.get(output)
-    return float("nan") if std is None else std**2
 
 
 # ---- From a declared Model to its System: the five array functions that algorithms use
@@ -493,7 +487,13 @@ def compile_model(
     """
     parts = parts_of(model, outputs, online)
     signals, measured = signals_of(parts), measured_of(parts)
-    moved = (*parts.moved_in, *parts.moved_out, *parts.inputs, *parts.jumps, *parts.clocks)
+    moved = (
+        *parts.online_inputs,
+        *parts.online_sensors,
+        *parts.inputs,
+        *parts.jumps,
+        *parts.clocks,
+    )
     after = [
         effect
         for effect in model.effects
@@ -557,7 +557,7 @@ def tied_system(system: System, ties: Sequence[Tie]) -> System:
         (at(tie.name), [(at(source), factor) for source, factor in tie.terms], tie.constant)
         for tie in ties
     ]
-    full = partial(_followed, places)
+    full = partial(_with_ties_computed, places)
     acting = {
         source for tie in ties if tie.name in system.input_parameters for source in tie.sources
     }
@@ -578,7 +578,7 @@ def tied_system(system: System, ties: Sequence[Tie]) -> System:
     )
 
 
-def _followed(
+def _with_ties_computed(
     places: Sequence[tuple[int, list[tuple[int, float]], float]], p: Sequence[Any]
 ) -> list[Any]:
     """Return parameters with tied ones computed from the others; entries are numbers or arrays."""

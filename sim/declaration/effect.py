@@ -24,9 +24,9 @@ from sim.errors import ModelError
 
 # ---- Parameters of a model: a number with its unit, prior, bounds and origin; immutable
 
-# Names of the constant in equations that is the airspeed of their declaration.
+# Names that the constant of the declared airspeed has in equations.
 AIRSPEEDS = ("airspeed", "reference_airspeed")
-# Source of a state's start that a fit finds from the outputs at the first sample.
+# Source of an initial value that a fit finds from the outputs at the first sample.
 FROM_OUTPUTS = "from the outputs at the start"
 
 
@@ -246,9 +246,9 @@ class InputEffect(Effect, Protocol):
     ``act(edges, u, p)`` takes the means ``u (n_cells, ...)`` of the input over cells with the
     boundaries ``edges (n_cells + 1,)``, s, and returns the means behind the effect.
 
-    The attribute ``path_order`` decides its place on the path (see ``in_order``). An effect with
+    The attribute ``path_order`` determines its place on the path (see ``in_order``). An effect with
     ``commutes = True`` only shifts the input in time. With fixed parameters it may therefore act on
-    the recorded input, ahead of effects that a filter has as states.
+    the recorded input, ahead of effects that are states of a filter.
     """
 
     @property
@@ -262,7 +262,7 @@ class DynamicsEffect(Effect, Protocol):
 
     ``increments(s, vehicle, p)`` returns ``{port: value}``, and ``derivatives(s, vehicle, p)`` one
     rate for each of ``states``. Effects of the station ``DISTURBANCE`` act before the flow
-    quantities are formed, those of ``DYNAMICS`` after.
+    quantities are computed, those of ``DYNAMICS`` after.
     """
 
     @property
@@ -275,7 +275,7 @@ class DynamicsEffect(Effect, Protocol):
 class ParameterEffect(Effect, Protocol):
     """Makes a parameter of the equations vary: ``change(s, p)`` is added to ``parameter``.
 
-    It is added after the disturbances, before the parameter is used. The change is linear in the
+    The change is added after the disturbances and before the parameter is used. It is linear in the
     effect's own parameters, which are all zero at absence.
     """
 
@@ -286,9 +286,10 @@ class ParameterEffect(Effect, Protocol):
 
 @runtime_checkable
 class GroupEffect(Effect, Protocol):
-    """Makes several parameters of the equations vary at once, as a ``ParameterEffect`` does one.
+    """Makes several parameters of the equations vary at once.
 
-    ``changes(s, p)`` returns the change of each parameter of ``group`` by name.
+    ``changes(s, p)`` returns the change of each parameter of ``group`` by name; see
+    `ParameterEffect`.
     """
 
     @property
@@ -343,8 +344,9 @@ class RememberingEffect(SensorEffect, Protocol):
 
 @runtime_checkable
 class ReadingEffect(Effect, Protocol):
-    """Acts on output channels without memory: ``read(s, y, vehicle, p)`` returns ``{channel: new
-    value}``.
+    """Acts on output channels without memory.
+
+    ``read(s, y, vehicle, p)`` returns ``{channel: new value}``.
     """
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]: ...
@@ -355,8 +357,8 @@ class ClockEffect(Effect, Protocol):
     """The clock of the record is wrong: ``pace(p)`` is the time that it counts in one true second.
 
     The rates of all states of the dynamics, and the density of random forcing, are divided by it.
-    Readings are those of the true motion. Times of effects on the input and the sensor path, and
-    times of events, are in the record's time.
+    Readings are those of the true motion. Times of events and of effects on the input and sensor
+    path are in the record's time.
     """
 
     def pace(self, p: Any) -> Any: ...
@@ -367,8 +369,8 @@ class StateJumpEffect(Effect, Protocol):
     """Makes states of the vehicle jump, without a force and without a change of readings.
 
     ``added_rates(s, rates, p)`` returns the rate to add, by state, to the ``rates`` of the
-    equations. ``states_read`` are all states of the equations that the effect is made for, in their
-    order.
+    equations. ``states_read`` are all states, in order, of the equations for which the effect is
+    made.
     """
 
     @property
@@ -392,8 +394,9 @@ class OnlineForm(Protocol):
 
 @runtime_checkable
 class NoiseEffect(Effect, Protocol):
-    """Drives its own states by white noise: ``density(vehicle, p)`` returns a spectral density for
-    each state.
+    """Drives its own states by white noise.
+
+    ``density(vehicle, p)`` returns the spectral density of the noise on each state's rate.
     """
 
     def density(self, vehicle: Any, p: Any) -> Sequence[Any]: ...
@@ -425,7 +428,7 @@ class NeedsPorts(Protocol):
 
 @runtime_checkable
 class NeedsConstants(Protocol):
-    """Reads constants of the equations, or is written for the equations that have them."""
+    """Needs constants of the equations, named in ``needs_constants``."""
 
     @property
     def needs_constants(self) -> Sequence[str]: ...
@@ -444,7 +447,7 @@ class ReadsRates(Protocol):
 
 @runtime_checkable
 class ReadsOutputs(Protocol):
-    """An effect on one sensor that reads other outputs: ``outputs_read`` names them."""
+    """An effect on one sensor that reads other outputs, named in ``outputs_read``."""
 
     @property
     def outputs_read(self) -> Sequence[str]: ...
@@ -452,8 +455,9 @@ class ReadsOutputs(Protocol):
 
 @runtime_checkable
 class ReadsStates(Protocol):
-    """An effect that reads states of the equations, named in ``states_read``; it is not offered for
-    a vehicle without them.
+    """An effect that reads states of the equations, named in ``states_read``.
+
+    It is not offered for a vehicle without them.
     """
 
     @property
@@ -478,8 +482,9 @@ class Commuting(Protocol):
 
 @runtime_checkable
 class Anticipating(Protocol):
-    """An input effect that, if ``anticipates``, needs future inputs: no filter can use it, not even
-    with fixed parameters.
+    """An input effect that, if ``anticipates``, needs future inputs.
+
+    No filter can use it, not even with fixed parameters.
     """
 
     @property

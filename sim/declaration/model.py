@@ -129,8 +129,9 @@ class Equations(Protocol):
 
 @runtime_checkable
 class Containing(Protocol):
-    """Equations that contain some effects of the library, named in ``contains``: a search does not
-    offer these.
+    """Equations that contain some effects of the library, named in ``contains``.
+
+    A search does not offer these effects.
     """
 
     @property
@@ -147,9 +148,9 @@ class Biased(Protocol):
 
 @runtime_checkable
 class Multiplying(Protocol):
-    """Equations that declare in ``factors`` which of their parameters multiply a signal.
+    """Equations that declare which of their parameters multiply a signal.
 
-    ``factors`` has the unit of each by name. An effect may make each of them vary.
+    ``factors`` has the units of these parameters by name. An effect may make each of them vary.
     """
 
     @property
@@ -160,7 +161,7 @@ class Multiplying(Protocol):
 class DrivenByOthers(Protocol):
     """Equations with inputs that are no controls, such as an updraft, named in ``no_controls``.
 
-    No effect acts on the input path of these.
+    No input effect is offered for these inputs.
     """
 
     @property
@@ -169,7 +170,7 @@ class DrivenByOthers(Protocol):
 
 @runtime_checkable
 class KnowingBiases(Protocol):
-    """Equations with priors of biases: ``bias_priors`` has standard deviations by output."""
+    """Equations with priors of sensor biases: ``bias_priors`` has standard deviations by output."""
 
     @property
     def bias_priors(self) -> Mapping[str, float]: ...
@@ -281,7 +282,7 @@ class Model:
         return replace(self, noise=noise)
 
     def with_ties(self, ties: Sequence[Tie]) -> Model:
-        """Return the model with some parameters tied to others, and so fixed.
+        """Return the model with some parameters tied to others, and therefore fixed.
 
         Raises ModelError as ``with_tied_values``.
         """
@@ -294,8 +295,8 @@ class Model:
     def with_effects(self, *effects: Effect) -> Model:
         """Return the model with further effects, at their starting values.
 
-        A ``shared`` effect uses a parameter that the model already has under its full name: several
-        inputs may so have one delay.
+        A ``shared`` effect uses a parameter that the model already has under its full name. In this
+        way several inputs may have one delay.
         """
         model = self
         for effect in effects:

@@ -15,7 +15,7 @@ _ONSETS = 36  # number of times at which a search tries an event
 GUARD = "guard:"  # prefix of a catch-all term's printed name
 
 _NO_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType({})
-_NO_SIZES: Mapping[str, float] = MappingProxyType({})
+_NO_NUMBERS: Mapping[str, float] = MappingProxyType({})
 _NO_NAMES: Mapping[str, tuple[str, float]] = MappingProxyType({})
 _NO_MANEUVERS: Mapping[str, str] = MappingProxyType({})
 
@@ -25,55 +25,55 @@ class Traits:
     """Properties of an effect for searches and reports; each effect file states its own.
 
     Names of other effects in ``separating`` have no part after a colon: ``"sensor-lag"`` stands for
-    that of every channel.
+    the lags of all channels.
 
     Attributes
     ----------
-    sentences : templates of the sentence in a report; the first one whose parameters all exist is
-        used. Braces have a parameter by its local name, or {control}, {sticks}, {channel},
-        {count_spikes}, {rest} (all parameters but times). For a parameter NAME there are
-        NAME_percent (its distance from one), NAME_change (a share), NAME_direction, NAME_hertz, and
-        NAME_side (a length with "ahead of" or "behind"). Without a template the report prints the
-        parameters.
+    sentences : templates of the sentence in a report. The first one whose parameters all exist is
+        used; without a template the report prints the parameters. Braces contain a parameter by its
+        local name, or {control}, {sticks}, {channel}, {count_spikes}, {rest} (all parameters but
+        times). For a parameter NAME there are also NAME_percent (its distance from one),
+        NAME_change (a share), NAME_direction, NAME_hertz, and NAME_side (a length with "ahead of"
+        or "behind").
     grouped : template for effects that a record cannot distinguish and that are reported together;
         the sentence if empty.
     short_name : name of the effect in such a group; its name if empty.
     separating : other effect -> maneuver that distinguishes the two. One of the two effects may
-        declare it for both. Of ``{ (CL_de, L_delta)}`` a report names the parameters that the model
-        has.
+        declare it for both. Of parameters in ``{ (CL_de, L_delta)}`` a report names those that the
+        model has.
     twins : names of effects that describe the same fault of the same sensor in another form; only
         one of them is claimed.
-    equivalents : those twins that no record distinguishes from the effect, because other values of
-        the derivatives compensate the difference. Only the priors separate them.
+    equivalents : those ``twins`` that no record distinguishes from the effect, because other values
+        of the derivatives compensate the difference. Only the priors separate them.
     same_as : local name -> (effect, least size). If the parameter is larger than the size, the
         other effect describes the same motion, and only further channels could distinguish the two.
-    never_beside : names of effects that are never in one set with this one: a record shows only one
-        slow fault, or one law of the airspeed.
+    never_beside : names of effects that are never in one set with this one. For example, a record
+        can show only one slow fault, or one law of the airspeed.
     plausible : local name -> plausible range; bounds are the physical limits.
-    usual : local name -> standard deviation of the prior about its absence; the declared value if
-        it is not given.
-    oscillates : local names of frequencies, rad/s, that a record resolves only well below half its
-        sampling rate.
+    usual : local name -> standard deviation of the prior about the absent value; the declared value
+        of the parameter for a name that is not given.
+    oscillates : local names of frequencies, rad/s. A record resolves such a frequency only well
+        below half its sampling rate.
     tried : local names of parameters that are found by trial values, since the likelihood has no
-        useful slope; the prior about the trial value is their uncertainty.
+        useful slope. The prior about the trial value is their uncertainty.
     in_input_unit : local names of parameters in the unit of the input, or in this unit per second.
     onset : local name of the time from which an event acts, which is searched over the record;
         empty if the effect is no event.
     lasts : local name of the duration of an event. An event of at most two samples is an error of
         the recorder and no force.
-    per_record : True if the effect belongs to one record (an event, a drift). Its parameters are
-        fitted for each record, and it need not act on all records. Parameters in ``of_aircraft``
-        are excepted.
-    of_aircraft : local names of parameters that any aircraft has, with a prior; they are common to
-        all records.
+    per_record : True if the effect belongs to one record (an event, a drift). Its parameters,
+        except those in ``of_aircraft``, are fitted for each record, and it need not act on all
+        records.
+    of_aircraft : local names of parameters that belong to the aircraft and have a prior; they are
+        common to all records.
     guard : True for a catch-all term, which competes like an effect and is never claimed. If it
         wins, the library lacks the cause.
-    wrong_samples_of : output or recorded input whose isolated wrong samples the effect describes;
-        it is found by a rule and never fitted.
-    recorded_as : input channel that would record the cause; the effect is not searched if a record
-        has it.
-    within_interval : local name of a time. If it is shorter than the sampling interval, it only
-        shows how inputs move between samples.
+    wrong_samples_of : output or recorded input whose isolated wrong samples the effect describes.
+        Such an effect is found by a rule and never fitted.
+    recorded_as : input channel that would record the cause. The effect is not searched if a record
+        has this channel.
+    within_interval : local name of a time. A time shorter than the sampling interval only shows how
+        inputs move between samples.
     background : True for motion that any real record may have; its prior odds are one half.
     general : True for one of many instances of a general form, without a cause of its own. It is
         offered only if no effect with a cause explains the records.
@@ -88,7 +88,7 @@ class Traits:
     same_as: Mapping[str, tuple[str, float]] = field(default_factory=lambda: _NO_NAMES)
     never_beside: tuple[str, ...] = ()
     plausible: Mapping[str, tuple[float, float]] = field(default_factory=lambda: _NO_RANGES)
-    usual: Mapping[str, float] = field(default_factory=lambda: _NO_SIZES)
+    usual: Mapping[str, float] = field(default_factory=lambda: _NO_NUMBERS)
     oscillates: tuple[str, ...] = ()
     tried: tuple[str, ...] = ()
     in_input_unit: tuple[str, ...] = ()
@@ -104,13 +104,10 @@ class Traits:
     general: bool = False
 
 
-# ---- Search traits and probes of an effect
+# ---- Properties of a record for a search, and probes of an effect
 
 # Highest frequency of an oscillation that a record resolves, relative to half the sampling rate.
 RESOLVED_FREQUENCY_SHARE = 0.8
-
-_NONE: Mapping[str, float] = MappingProxyType({})
-_proposal_NO_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -124,10 +121,11 @@ class SearchContext:
     input_peak : largest magnitude of each input.
     input_rate : largest rate of each input between samples, in its unit per s.
     state_peak : largest magnitude of each measured state or output, in its unit.
-    flown : lowest and highest value of an input, state or output without spikes. For others
-        ``flown_range`` takes the peaks.
+    flown : lowest and highest value of an input, state or output without spikes. For signals that
+        are not named here, ``flown_range`` uses the peaks.
     residual_peaks : frequencies of peaks in the residual's spectrum, rad/s, strongest first.
-    update_periods : output -> period, s, of the updates between which its sensor may hold it.
+    update_periods : output -> period between updates, s, if its sensor may hold its value between
+        updates.
     airspeed : airspeed of the model, m/s; zero without one.
     values : fitted parameters of the model, by name.
     """
@@ -135,22 +133,24 @@ class SearchContext:
     begin: float
     end: float
     interval: float
-    input_peak: Mapping[str, float] = field(default_factory=lambda: _NONE)
-    input_rate: Mapping[str, float] = field(default_factory=lambda: _NONE)
-    state_peak: Mapping[str, float] = field(default_factory=lambda: _NONE)
-    flown: Mapping[str, tuple[float, float]] = field(default_factory=lambda: _proposal_NO_RANGES)
+    input_peak: Mapping[str, float] = field(default_factory=lambda: _NO_NUMBERS)
+    input_rate: Mapping[str, float] = field(default_factory=lambda: _NO_NUMBERS)
+    state_peak: Mapping[str, float] = field(default_factory=lambda: _NO_NUMBERS)
+    flown: Mapping[str, tuple[float, float]] = field(default_factory=lambda: _NO_RANGES)
     residual_peaks: tuple[float, ...] = ()
-    update_periods: Mapping[str, float] = field(default_factory=lambda: _NONE)
+    update_periods: Mapping[str, float] = field(default_factory=lambda: _NO_NUMBERS)
     airspeed: float = 0.0
-    values: Mapping[str, float] = field(default_factory=lambda: _NONE)
+    values: Mapping[str, float] = field(default_factory=lambda: _NO_NUMBERS)
 
     @property
     def duration(self) -> float:
         return self.end - self.begin
 
     def flown_range(self, name: str) -> tuple[float, float] | None:
-        """Return the lowest and highest value of a signal in the record; plus and minus its peak if
-        only that is known, None if nothing is.
+        """Return the lowest and highest value of a signal in the record.
+
+        If only the peak of the signal is known, the range is from minus to plus this peak. None if
+        nothing is known.
         """
         if name in self.flown:
             return self.flown[name]
@@ -158,8 +158,9 @@ class SearchContext:
         return (-peak, peak) if peak > 0 else None
 
     def onsets(self) -> tuple[float, ...]:
-        """Return the times spread evenly over the record without its ends, where an event looks
-        like a bias.
+        """Return the trial times of an event, spread evenly over the record.
+
+        The ends of the record are left out, because an event there looks like a bias.
         """
         return tuple(self.begin + self.duration * (i + 0.5) / _ONSETS for i in range(_ONSETS))
 
@@ -176,8 +177,8 @@ class Probe:
         effect's absence.
     shifts : True if a later onset only shifts the signature along the record; the probe then stands
         for all onsets.
-    sharp : for a probe that shifts: True if a fit moves the onset by at most a sample, so that the
-        best onset has to be searched at every sample.
+    sharp : for a probe that shifts: True if a fit moves the onset by a sample at most. The best
+        onset then has to be searched at every sample.
     """
 
     values: Mapping[str, float]
@@ -246,8 +247,8 @@ def delays_to_try(context: SearchContext) -> tuple[float, ...]:
     """Return the delays and time constants to try, s, a factor of two apart, from a share of the
     sampling interval upward.
 
-    No value is a multiple of a usual sampling interval. A step of a held input would then reach the
-    vehicle at a sample, where the derivative is one-sided.
+    No value is a multiple of a usual sampling interval. With such a value, a step of a held input
+    would reach the vehicle at a sample, where the derivative is one-sided.
     """
     return tuple(
         time for time in (0.0173, 0.0373, 0.0831, 0.1773) if time > 0.3 * context.interval

@@ -1,4 +1,4 @@
-"""Equations of motion from a user's functions, the arguments of these functions, and trial
+"""Equations of motion from the functions of a user, the arguments of these functions, and trial
 calls.
 """
 
@@ -43,10 +43,12 @@ class Signals(SimpleNamespace):
 
 
 def is_sampled(call: int) -> bool:
-    """Whether the arrays of this call (counted from 0) are locked: calls 0, 1, 2, 4, 8 and so on.
+    """Return whether the arrays of this call (counted from 0) are locked: calls 0, 1, 2, 4, 8 and
+    so on.
 
     Locking in every call would cost 12 to 32 % of the time of an evaluation. A function that
-    changes its arguments is found in its declaration, or in a later call if this depends on values.
+    changes its arguments is found when the model is declared or, if this depends on values, in a
+    later call.
     """
     return not call & (call - 1)
 
@@ -79,7 +81,7 @@ class WatchedTime(NDArrayOperatorsMixin):
     """Time zero, as a number or an array without axes, that records in ``used`` whether a function
     used it.
 
-    This also finds functions of time whose value changes at a single time only.
+    This also detects functions of time whose value changes at a single time only.
     """
 
     __array_priority__ = 1000.0
@@ -120,7 +122,7 @@ def signals_from(values: Mapping[str, Any]) -> Signals:
     return result
 
 
-# ---- Equations of motion from a user's functions, which return mappings by name
+# ---- Equations of motion from functions of a user, which return mappings by name
 
 _NUMBERS = frozenset({float, np.float64, complex, np.complex128, int})
 Answer = Callable[[Any, Any], Mapping[str, Any]]
@@ -128,10 +130,10 @@ Answer = Callable[[Any, Any], Mapping[str, Any]]
 
 @dataclass(frozen=True)
 class OwnEquations:
-    """Equations of a user's own model, a form of ``sim.declaration.model.Equations``.
+    """Equations of a user model, a form of ``sim.declaration.model.Equations``.
 
-    An overflow or a division by zero makes the answer NaN, and an estimator shortens its step;
-    every other error in a function is a ModelError that names file and line.
+    An overflow or a division by zero makes the answer NaN, and an estimator shortens its step.
+    Every other error in a function is a ModelError that names file and line.
 
     Attributes
     ----------
@@ -140,11 +142,11 @@ class OwnEquations:
     rate_ports : the port that is added to the rate of each state; empty if the model declares
         ports of its own, which its functions read as ``s.PORT``.
     biased_outputs : outputs whose sensors have a free constant bias.
-    resting : inputs at which the functions are tried.
+    resting : inputs at which the functions are tried, with their values.
     explanation : text of the file on the equations.
     multiplying : estimated parameters that multiply signals, with their units.
-    products : port, signal and estimated parameter; the parameter multiplies the signal in a rate
-        to which the port adds.
+    products : (port, signal, estimated parameter): the parameter multiplies the signal in a rate to
+        which the port adds.
     terms : coefficient and text of each term, if the ports are coefficients that are sums of terms
         (`sim.aerodynamics`).
     """
@@ -223,8 +225,9 @@ class OwnEquations:
     def _check_all(
         self, what: str, function: Answer, answers: Iterable[tuple[str, Any]], s: Any, p: Any
     ) -> None:
-        """Check each answer; numbers, and float arrays in the shape of the first state, pass at
-        once.
+        """Check each answer.
+
+        Numbers, and float arrays in the shape of the first state, are accepted at once.
         """
         shape = getattr(getattr(s, self.states[0].name), "shape", ())
         known: set[tuple[int, ...]] = set()
@@ -240,8 +243,9 @@ class OwnEquations:
             known.add(np.shape(value))
 
     def _check(self, what: str, function: Answer, name: str, value: Any, s: Any, p: Any) -> None:
-        """Raise ModelError for an answer that is no number, or of a shape that no signal has: it
-        may be another than when it was tried.
+        """Raise ModelError for an answer that is no number, or has a shape that no signal has.
+
+        The shape may differ from that of the trial calls.
         """
         shape, kind = np.shape(value), getattr(getattr(value, "dtype", None), "kind", None)
         numeric = (
@@ -275,27 +279,27 @@ class OwnEquations:
 
 # ---- Trial of a user's functions at the starting values
 
-# offset from the starts at which slopes are compared, relative to a value or to one: many curves
-# have a kink at zero
+# Offset from the starts at which slopes are compared, relative to a value (of a zero, to one). Many
+# curves have a kink at zero.
 TRIAL_OFFSET = 0.01
 DIFFERENCE_STEP_SHARE = 1e-6  # step of the differences, relative to a value or ``TRIAL_OFFSET``
-# rounding of a difference, relative to the terms, with a margin of three digits for cancellation
+# Rounding error of a difference, relative to the terms, with a margin of three digits for
+# cancellation.
 TERM_ROUNDING = 1e-12
-SLOPE_TOLERANCE = 1e-3  # largest relative difference between a difference and a complex step
+# Largest relative deviation of a difference from the slope by a complex step.
+SLOPE_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
 class Starts:
-    """Point at which a model is tried: every signal except those of ``flow``, and every
-    parameter.
-    """
+    """Point at which a model is tried: all signals except those of ``flow``, and all parameters."""
 
     signals: Mapping[str, Any]
     parameters: Mapping[str, Any]
 
 
 def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
-    """Evaluate a model's functions at the starts, with complex steps beside them, and with arrays;
+    """Evaluate a model's functions at the starts, near them with complex steps, and with arrays;
     return the names that ``flow`` forms.
 
     Raises
@@ -354,8 +358,9 @@ def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
 def _refuse_reused(
     equations: OwnEquations, what: str, name: str, value: Any, again: Any, given: Starts
 ) -> None:
-    """Raise ModelError for an array that a function overwrites at each call, since earlier answers
-    would change, too.
+    """Raise ModelError for an array that a function overwrites at each call.
+
+    Earlier answers would change, too.
     """
     arguments = [*given.signals.values(), *given.parameters.values()]
     if not isinstance(value, np.ndarray) or any(
@@ -373,14 +378,13 @@ def _refuse_reused(
 
 def _function(equations: OwnEquations, what: str) -> Answer:
     """Return the user's function of that name."""
-    result = {"rates": equations.rates, "readings": equations.readings, "flow": equations.formed}[
-        what
-    ]
+    functions = {"rates": equations.rates, "readings": equations.readings}
+    result = functions.get(what, equations.formed)
     assert result is not None
     return result
 
 
-class _Noting(SimpleNamespace):
+class _ReadRecorder(SimpleNamespace):
     """Parameters that record which of them are read, in ``_names_read``."""
 
     def __getattribute__(self, name: str) -> Any:
@@ -391,7 +395,7 @@ class _Noting(SimpleNamespace):
 
 def parameters_read(equations: OwnEquations, starts: Starts) -> frozenset[str]:
     """Return the names of the parameters that the functions read at the starting values."""
-    s, p = signals_from(starts.signals), _Noting(**starts.parameters, _names_read=set())
+    s, p = signals_from(starts.signals), _ReadRecorder(**starts.parameters, _names_read=set())
     if equations.formed is not None:
         s.__dict__.update(_checked_answer(equations, "flow", equations.formed, s, p))
     _checked_answer(equations, "rates", equations.rates, s, p)
@@ -425,10 +429,8 @@ def evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str], 
         ("rates", equations.rates, equations.states),
         ("readings", equations.readings, equations.outputs),
     ):
-        result, names = (
-            _checked_answer(equations, what, function, s, p),
-            [signal.name for signal in signals],
-        )
+        result = _checked_answer(equations, what, function, s, p)
+        names = [signal.name for signal in signals]
         where = written_in(equations.name, what, function)
         kind = "state" if what == "rates" else "output"
         for name in result:
@@ -495,10 +497,8 @@ def _number(equations: OwnEquations, what: str, name: str, value: Any) -> Any:
 
 
 def _answer_label(what: str, name: str) -> str:
-    return (
-        f"the {'rate' if what == 'rates' else 'reading' if what == 'readings' else 'signal'} of "
-        f"{name}"
-    ).replace("signal of", "signal")
+    kinds = {"rates": "the rate of", "readings": "the reading of"}
+    return f"{kinds.get(what, 'the signal')} {name}"
 
 
 def neighbouring_point(starts: Starts, side: float) -> Starts:
@@ -515,12 +515,13 @@ def neighbouring_point(starts: Starts, side: float) -> Starts:
 
 
 def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
-    """Raise ModelError where complex steps and differences by one signal or parameter disagree;
-    points at which the functions are not finite are skipped.
+    """Raise ModelError if the slopes by complex steps and by differences disagree for a signal or
+    parameter.
+
+    Points at which the functions are not finite are skipped.
     """
-    names = [(True, name) for name in at.signals if name != "time"] + [
-        (False, name) for name in at.parameters
-    ]
+    names = [(True, name) for name in at.signals if name != "time"]
+    names += [(False, name) for name in at.parameters]
     base = _finite(equations, at)
     if base is None:
         return

@@ -1,5 +1,5 @@
-"""A user's own model: named states, inputs, outputs and parameters with units, and functions that
-return its equations.
+"""A user model: named states, inputs, outputs and parameters with units, and functions that return
+its equations.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from sim.declaration.user_equations import (
 from sim.errors import FlightidError, ModelError, written_in
 from sim.maths import COMPLEX_STEP, complex_step_jacobian
 
-# ---- Signals that parameters of a user's own model multiply
+# ---- Signals that parameters of a user model multiply
 
-TrialAnswer = tuple[str, str]  # "rates" or "readings", and the name
+TrialAnswer = tuple[str, str]  # "rates" or "readings", and the name of the state or output
 SLOPE_TOLERANCE = 1e-9  # difference of slopes due to rounding, relative to the largest slope
 
 
@@ -58,8 +58,11 @@ def multiplying(equations: OwnEquations, starts: Starts, names: Sequence[str]) -
 def products(
     equations: OwnEquations, starts: Starts, names: Sequence[str]
 ) -> tuple[tuple[str, str, str], ...]:
-    """Return (port, signal, parameter) for each parameter of ``names`` that multiplies the signal
-    in a rate to which the port adds: the slope by the parameter differs at two values of it.
+    """Return (port, signal, parameter) for each parameter of ``names`` that multiplies a signal in
+    a rate to which the port adds.
+
+    A parameter multiplies a signal if the slope by the parameter differs at two values of the
+    signal.
     """
     here = neighbouring_point(starts, 1.0)
     fed = _rates_fed(equations, here)
@@ -116,7 +119,7 @@ def _differ(slopes: Sequence[float]) -> bool:
 # ---- Observable sensor biases of a user model
 
 LARGEST_SCALE_FACTOR = 2.0  # largest scale factor of a sensor that reads a state
-# share of the largest singular value, below which a direction is unobservable
+# Share of the largest singular value below which a direction is unobservable.
 UNOBSERVABLE_SHARE = 1e-9
 
 
@@ -125,7 +128,8 @@ def observable_biases(equations: OwnEquations, starts: Starts) -> tuple[str, ...
 
     With A and C the slopes of rates and readings by the states, a bias is unobservable if C x0
     equals it for a constant change x0 of the states with A x0 = 0. Slopes are taken at points on
-    both sides of the starting values; a bias is observable if it is so at one of them.
+    both sides of the starting values. A bias counts as observable if it is observable at one of
+    them.
     """
     observable = [
         _observable(*_state_slopes(equations, neighbouring_point(starts, side)))
@@ -201,8 +205,9 @@ def _observable(A: np.ndarray, C: np.ndarray) -> list[int]:
 
 
 def _observability_rank(A: np.ndarray, C: np.ndarray, biases: Sequence[int]) -> int:
-    """Return the rank of the observability matrix with the states and these biases as unknowns;
-    time is scaled, which changes no rank.
+    """Return the rank of the observability matrix with the states and these biases as unknowns.
+
+    Time is scaled, which does not change the rank.
     """
     n, k = len(A), len(biases)
     rate = np.linalg.norm(A, 2)
@@ -215,7 +220,7 @@ def _observability_rank(A: np.ndarray, C: np.ndarray, biases: Sequence[int]) -> 
     return int(np.linalg.matrix_rank(np.vstack(rows), rtol=UNOBSERVABLE_SHARE))
 
 
-# ---- A user's own model
+# ---- The declaration of a user model
 
 Units = Mapping[str, str]
 Numbers = Mapping[str, tuple[float, str]]
@@ -290,8 +295,8 @@ def own_model(
     signals = _declared_signals(name, states, inputs, outputs, ports)
     numbers = _declared_numbers(name, constants or {}, parameters, bounds or {})
     _refuse_collisions(name, signals, numbers)
-    moving, driving, read, entering = signals
-    start = _initial(name, initial or {}, (*moving, *driving))
+    the_states, the_inputs, the_outputs, the_ports = signals
+    start = _initial(name, initial or {}, (*the_states, *the_inputs))
     all_numbers = ParameterSet((*numbers["constants"], *numbers["parameters"]))
     equations = OwnEquations(
         name,
@@ -300,9 +305,9 @@ def own_model(
         rates,
         readings,
         flow,
-        rate_ports=tuple(port.name for port in entering) if ports is None else (),
-        resting=tuple((each.name, start[each.name]) for each in driving if each.name in start),
-        biased_outputs=_biased(name, biases, [signal.name for signal in read]),
+        rate_ports=tuple(port.name for port in the_ports) if ports is None else (),
+        resting=tuple((each.name, start[each.name]) for each in the_inputs if each.name in start),
+        biased_outputs=_biased(name, biases, [signal.name for signal in the_outputs]),
     )
     return _model(equations, all_numbers, start, all_biases=biases is None)
 
@@ -316,12 +321,13 @@ def _declared_signals(
     name: str, states: Units, inputs: Units, outputs: Units, ports: Units | None
 ) -> _DeclaredSignals:
     """Return the states, inputs, outputs and ports; without ``ports`` one port for each state."""
-    moving, driving, read = (
-        _signals(name, kind, units)
-        for kind, units in (("states", states), ("inputs", inputs), ("outputs", outputs))
+    moving = _signals(name, "states", states)
+    return (
+        moving,
+        _signals(name, "inputs", inputs),
+        _signals(name, "outputs", outputs),
+        _rate_ports(moving) if ports is None else _signals(name, "ports", ports),
     )
-    entering = _rate_ports(moving) if ports is None else _signals(name, "ports", ports)
-    return moving, driving, read, entering
 
 
 def _declared_numbers(
@@ -345,7 +351,7 @@ def _model(
     """Return the model of equations that were tried at their starts."""
     zero = {each.name: 0.0 for each in (*equations.states, *equations.inputs, *equations.ports)}
     starts = Starts({TIME: 0.0, **zero, **start}, {item.name: item.value for item in numbers})
-    with np.errstate(all="ignore"):  # beside the starts a root or a logarithm may have no value
+    with np.errstate(all="ignore"):  # away from the starts a root or a logarithm may have no value
         equations = replace(equations, formed_names=try_model(equations, starts))
         refuse_misnamed(equations, starts)
         multiplying_names = multiplying(equations, starts, numbers.free_names)
@@ -538,10 +544,8 @@ def _bounds(model: str, bounds: object, allowed: Collection[str]) -> dict[str, t
 
 
 def _initial(model: str, initial: object, signals: Iterable[Signal]) -> dict[str, float]:
-    signal_names, initial_values = (
-        [signal.name for signal in signals],
-        _mapping(model, "initial", initial),
-    )
+    signal_names = [signal.name for signal in signals]
+    initial_values = _mapping(model, "initial", initial)
     for name in initial_values:
         if name not in signal_names:
             raise ModelError(

@@ -1,5 +1,8 @@
-"""Common parts of effects: instances for the inputs and outputs of given equations, their names and
-sizes; advice that separates effects; coefficients of controls; base classes; play.
+"""Parts that several effects have in common.
+
+They are: instances of an effect for the inputs, outputs and ports of given equations, with names
+and typical sizes; advice on maneuvers that distinguish effects; base classes; dead band and
+backlash.
 """
 
 from __future__ import annotations
@@ -7,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any, ClassVar, Self, TypeVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from sim.declaration.effect import (
+    Effect,
     OnChannel,
     OnSignal,
     Parameter,
@@ -22,21 +26,21 @@ from sim.declaration.effect import (
     ports_needed,
 )
 from sim.declaration.model import Containing, DrivenByOthers, Equations
-from sim.declaration.proposal import Probe, SearchContext, Traceable, shares_of_peak
+from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.user_equations import OwnEquations
 from sim.maths import maximum, minimum
 
 # ---- Instances of an effect on the inputs and outputs of any equations
 
-# Inputs and outputs (name, unit) whose instances are in ``VARIANTS`` of the effects' files.
+# Inputs and outputs, as (name, unit), of the instances in ``VARIANTS`` of the effects' files.
 KNOWN_INPUTS = {("elevator", "rad"), ("stick", "1")}
 KNOWN_OUTPUTS = {("alpha", "rad"), ("q", "rad/s"), ("nz", "g"), ("altitude", "m")}
-# Port -> unit that effects use for it.
+# Unit of ports of air motion for which effects are written.
 PORT_UNITS = {"gust": "rad", "headwind": "m/s", "airspeed_change": "m/s", "density_change": "kg/m3"}
-ATTITUDE = "theta"  # as an input it is a measured attitude and no control
-# Ports of air motion; the other ports take loads.
+ATTITUDE = "theta"  # as an input it is a measured attitude, not a control
+# Ports of air motion and of the drag of a falling body; the other ports take loads.
 AIR = ("gust", "headwind", "airspeed_change", "density_change", "log_density", "log_drag")
-# Unit -> typical large deflection; unit -> typical large reading.
+# Typical large deflection and typical large reading, by unit.
 _LARGE_INPUT = {"rad": 0.1, "1": 1.0}
 _LARGE_OUTPUT = {"rad": 0.2, "rad/s": 0.2, "g": 2.0, "m/s": 20.0, "m": 1000.0, "m/s2": 20.0}
 
@@ -52,7 +56,7 @@ def all_labelled(names: Iterable[str], label: str) -> tuple[str, ...]:
 
 
 def controls(equations: Equations) -> tuple[Signal, ...]:
-    """Return the inputs that a pilot or controller moves: no measured motion or air data."""
+    """Return the inputs that a pilot or controller moves, without measured motion and air data."""
     attitude = () if isinstance(equations, OwnEquations) else (ATTITUDE,)
     others = {
         *attitude,
@@ -68,13 +72,12 @@ def further_inputs(equations: Equations) -> tuple[tuple[Signal, str], ...]:
     The label is the name of the input if there are several inputs, else it is empty.
     """
     if isinstance(equations, Containing):
-        # These equations include the input path.
-        return ()
-    moved = controls(equations)
-    several = len(moved) > 1
+        return ()  # these equations include the input path
+    inputs = controls(equations)
+    several = len(inputs) > 1
     return tuple(
         (signal, signal.name if several else "")
-        for signal in moved
+        for signal in inputs
         if several or (signal.name, signal.unit) not in KNOWN_INPUTS
     )
 
@@ -99,7 +102,7 @@ def for_inputs(
 def sized(
     kind: Callable[[str, str, float, str, bool], Traceable], share: float
 ) -> Callable[[Signal, str], Traceable]:
-    """Return a maker of effects whose size is a share of a large deflection in the input's unit."""
+    """Return a maker of effects whose size is a share of a typical large deflection."""
     return lambda signal, label: kind(
         signal.name,
         signal.unit,
@@ -136,7 +139,9 @@ def has_typical_output_size(unit: str) -> bool:
 
 
 def in_its_unit(effect: object, equations: Equations) -> bool:
-    """Return whether input, output and ports of an effect have the units that it is written for."""
+    """Return whether the input, output and ports of an effect have the units for which it is
+    written.
+    """
     units = {signal.name: signal.unit for signal in (*equations.inputs, *equations.outputs)}
     name = (
         effect.signal
@@ -169,213 +174,70 @@ def per_square(unit: str) -> str:
 
 
 def load_ports(equations: Equations) -> tuple[Signal, ...]:
-    """Return the ports that take loads."""
+    """Return the ports to which forces and moments can be added."""
     return tuple(port for port in equations.ports if port.name not in AIR)
 
 
-def ports_without(variants: Iterable[Traceable], equations: OwnEquations) -> tuple[Signal, ...]:
-    """Return the load ports of a user model on which none of the effects ``variants`` acts."""
-    parameter_names, ports = {*equations.parameter_names}, {port.name for port in equations.ports}
-    acting = (
-        effect
-        for effect in variants
-        if parameter_names.issuperset(constants_needed(effect))
-        and ports.issuperset(ports_needed(effect))
+def has_its_constants_and_ports(effect: object, equations: Equations) -> bool:
+    """Return whether equations have the constants and the ports that an effect needs."""
+    ports = {port.name for port in equations.ports}
+    return {*equations.parameter_names}.issuperset(constants_needed(effect)) and ports.issuperset(
+        ports_needed(effect)
     )
-    covered = {port for effect in acting for port in ports_needed(effect)}
+
+
+def ports_without(variants: Iterable[Traceable], equations: OwnEquations) -> tuple[Signal, ...]:
+    """Return the load ports of a user model to which none of the effects ``variants`` adds."""
+    covered = {
+        port
+        for effect in variants
+        if has_its_constants_and_ports(effect, equations)
+        for port in ports_needed(effect)
+    }
     return tuple(port for port in load_ports(equations) if port.name not in covered)
 
 
 def per_unit(port: str, *signals: str) -> str:
-    """Return the unit of the derivative of a port by a product of signals, as ``m/s2/(m/s)/N``."""
+    """Return the unit of the derivative of a port by a product of signals, such as
+    ``m/s2/(m/s)/N``.
+    """
     below = (f"({unit})" if "/" in unit or " " in unit else unit for unit in signals if unit != "1")
     return "/".join((port, *below))
 
 
-# ---- Maneuvers that separate effects, where several effects share the advice
+# ---- Advice on maneuvers that distinguish effects, where several effects share it
 
 MANY_SIZES = (
     "inputs of many sizes (a multisine, or steps of five sizes): on three levels these are one and "
     "the same function"
 )
-FASTER_MOTION = (
-    "faster motion (short doublets, or a sweep up to the inverse of the lag): a lag loses "
-    "amplitude there, a delay does not"
-)
 STEADY_FLIGHT = "steady flight before and after the maneuver, and the airspeed recorded"
 ANOTHER_FALL = (
     "a fall that begins higher or faster: it meets the same density at another Mach number"
 )
-BEYOND_PRODUCTS = (
-    "both signals moved far, together and one after the other: as long as a derivative grows "
-    "evenly with a signal, a record shows only the product of two signals, whichever of the two "
-    "derivatives it is"
-)
 
 
-# ---- Coefficients of each lateral control, main one first
+# ---- Base classes: parts of the declaration that many effects have alike
 
 
-@dataclass(frozen=True)
-class LateralControl:
-    """A lateral control surface.
+class WithoutStates:
+    """Base of effects in the equations of motion that have no states."""
 
-    Attributes
-    ----------
-    control : signal of the control.
-    moment_by, lift_by : its main moment derivative, and that of the side force.
-    ports : ports of this moment and of the side force.
-    further : port and derivative of its other moment.
-    """
-
-    control: str
-    moment_by: str
-    lift_by: str
-    ports: tuple[str, str]
-    further: tuple[tuple[str, str], ...]
-
-
-LATERAL_CONTROLS = (
-    LateralControl("aileron", "Cl_da", "CY_da", ("roll", "side_force"), (("yaw", "Cn_da"),)),
-    LateralControl("rudder", "Cn_dr", "CY_dr", ("yaw", "side_force"), (("roll", "Cl_dr"),)),
-)
-
-
-# ---- Nonlinear control effectiveness
-
-SHARES: Mapping[str, tuple[float, float]] = {"lift_share": (-3.0, 5.0)}
-
-
-@dataclass(frozen=True)
-class NonlinearControl:
-    """moment += moment_by f(d), lift += ``lift_share`` lift_by f(d) for a deflection d, with the
-    vehicle's derivatives by the control.
-
-    ``lift_share`` is one if lift and moment come from one force on the surface, and zero if only
-    the moment is nonlinear. f has one further parameter, ``bend``; a subclass defines its
-    ``curve``.
-
-    Attributes
-    ----------
-    control : signal of the control.
-    moment_by, lift_by : names of its derivatives.
-    share_free : whether ``lift_share`` is estimated; it is not for a control with hardly any lift.
-    ports : ports of the moment and of the lift.
-    further : further ports, each with its derivative by the control.
-    label : suffix of the effect's name, where the vehicle has several controls.
-    speed : name of the constant that is the declared airspeed. With a ``reference_airspeed``
-        deflections are totals, and d counts from ``middle``, the middle of the range.
-    """
-
-    control: str = "elevator"
-    moment_by: str = "Cm_de"
-    lift_by: str = "CL_de"
-    share_free: bool = True
-    ports: tuple[str, str] = ("moment", "lift")
-    further: tuple[tuple[str, str], ...] = ()
-    label: str = ""
-    speed: str = "airspeed"
-    middle: float = 0.0
-
-    station: ClassVar[Station] = Station.DYNAMICS
-    regularity: ClassVar[Regularity] = Regularity.REGULAR
     states: ClassVar[tuple[Signal, ...]] = ()
-    bend: ClassVar[Parameter]
-
-    @property
-    def name(self) -> str:
-        return labelled("control-nonlinearity", self.label)
-
-    @property
-    def absent(self) -> Mapping[str, float]:
-        return {self.bend.name: 0.0}
-
-    @property
-    def needs(self) -> tuple[str, ...]:
-        return (*self.ports, *(port for port, _ in self.further))
-
-    @property
-    def needs_constants(self) -> tuple[str, ...]:
-        return (
-            self.moment_by,
-            self.lift_by,
-            *(derivative for _, derivative in self.further),
-            self.speed,
-        )
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (
-            self.bend,
-            Parameter(
-                "lift_share", 1.0, "1", prior_std=1.0, bounds=(-10.0, 10.0), free=self.share_free
-            ),
-        )
-
-    def curve(self, d: Any, p: Any) -> Any:
-        """Return f(d)."""
-        raise NotImplementedError
-
-    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
-        d = getattr(s, self.control)
-        more = self.curve(d - self.middle if self.middle else d, p)
-        moment = getattr(vehicle, self.moment_by) * more
-        lift = p.lift_share * getattr(vehicle, self.lift_by) * more
-        others = {port: getattr(vehicle, derivative) * more for port, derivative in self.further}
-        return {self.ports[0]: moment, self.ports[1]: lift, **others}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def used(self, context: SearchContext) -> tuple[float, float]:
-        """Return the largest deflection from the middle in a record, and the middle, in the
-        control's unit.
-        """
-        low, high = context.flown_range(self.control) or context.flown_range("stick") or (0.0, 0.0)
-        middle = 0.0 if self.speed == "airspeed" else 0.5 * (low + high)
-        return max(abs(low - middle), abs(high - middle)), middle
 
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the slope at absence, with lift and moment from one force."""
-        return (Probe({**self.absent, "lift_share": 1.0}, (self.bend.name,)),)
+class ProbedAtAbsence:
+    """Base of effects with one probe: the slopes at absence by all parameters of ``absent``."""
 
-
-Form = TypeVar("Form", bound=NonlinearControl)
-
-
-def of_all_controls(form: type[Form], **pseudo_control: float) -> tuple[Form, ...]:
-    """Return a form for the controls of all built-in equations.
-
-    ``pseudo_control`` has the attributes of the form on the pseudo-control of the low-order
-    equivalent system.
-    """
-    lateral = (
-        form(
-            control=c.control,
-            moment_by=c.moment_by,
-            lift_by=c.lift_by,
-            share_free=False,
-            ports=c.ports,
-            further=c.further,
-            label=c.control,
-        )
-        for c in LATERAL_CONTROLS
-    )
-    stick = form(
-        control="delta",
-        moment_by="M_delta",
-        lift_by="L_delta",
-        share_free=False,
-        **pseudo_control,  # type: ignore[arg-type]
-    )
-    return (form(), stick, *lateral, form(label="elevator", speed="reference_airspeed"))
-
-
-# ---- Base classes of effects on one input or one channel
+    def probes(self: Effect, context: SearchContext) -> Sequence[Probe]:
+        return (Probe(self.absent, tuple(self.absent)),)
 
 
 class OfInput:
-    """An effect on one recorded input, named after its ``family`` and the label of the input."""
+    """Base of effects on one recorded input, named by ``family`` and the label of the input."""
 
     signal: str
     label: str
@@ -388,7 +250,7 @@ class OfInput:
 
 
 class OfChannel:
-    """An effect on one output channel, named after its ``family`` and the channel."""
+    """Base of effects on one output channel, named after its ``family`` and the channel."""
 
     channel: str
     family: ClassVar[str]
@@ -401,15 +263,17 @@ class OfChannel:
 
 @dataclass(frozen=True)
 class SizedOnInput(OfInput):
-    """An effect on an input with one parameter, in the unit of that input.
+    """Base of effects on an input with one parameter, in the unit of that input.
 
     A subclass has ``typical_share_of_peak``, the typical value as a share of the input's peak.
 
     Attributes
     ----------
     signal, unit : name and unit of the input.
-    typical : starting value of the parameter; if not ``sized``, it follows from the record.
+    typical : starting value of the parameter.
     label : suffix of the effect's name, where the vehicle has several inputs.
+    sized : whether a typical size is known for the unit. Otherwise the starting value follows from
+        the peak of the recorded input.
     """
 
     signal: str = "elevator"
@@ -430,52 +294,50 @@ class SizedOnInput(OfInput):
         )
 
 
-# ---- Shared parts of dead band and backlash
-
-ABSENT: Mapping[str, float] = MappingProxyType({"half_width": 0.0})
+# ---- Dead band and backlash
 
 
-def half_width(typical: float, unit: str) -> tuple[Parameter, ...]:
-    """Return the parameter ``half_width``, which is not negative, as a tuple of one."""
-    return (Parameter("half_width", typical, unit, bounds=(0.0, 1e9)),)
+class HalfWidth:
+    """Base of dead bands and backlash: one parameter ``half_width``, which is not negative.
+
+    Up to ten times the ``typical`` half width is plausible.
+    """
+
+    unit: str
+    typical: float
+
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"half_width": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("half_width", self.typical, self.unit, bounds=(0.0, 1e9)),)
+
+    @property
+    def plausible(self) -> Mapping[str, tuple[float, float]]:
+        return {"half_width": (0.0, 10.0 * self.typical)}
 
 
-def plausible_half_width(typical: float) -> Mapping[str, tuple[float, float]]:
-    """Return the plausible range: up to ten times the typical value."""
-    return {"half_width": (0.0, 10.0 * typical)}
-
-
-def tried(context: SearchContext, signal: str) -> Sequence[Probe]:
-    """Return values to probe, from a small share of the input's peak to more than half of it."""
-    return [
-        Probe({"half_width": size})
-        for size in shares_of_peak(context, signal, (0.04, 0.12, 0.3, 0.6))
-    ]
-
-
-# ---- Play
-
-
-def played(u: np.ndarray, half_width: Any) -> np.ndarray:
+def backlash(u: np.ndarray, half_width: Any) -> np.ndarray:
     """Return the output ``(n,)`` of backlash for one input ``u (n,)``.
 
     While the input rises y = max(y0, u - half_width), and while it falls y = min(y0, u +
-    half_width), where y0 is the output at the last turn of the input.
+    half_width), where y0 is the output at the last reversal of the input.
     """
     change = np.sign(np.diff(u.real))
     moves = np.flatnonzero(change)
-    # Index of the last cell before the first move of each turn.
-    turns = moves[1:][change[moves[1:]] != change[moves[:-1]]]
-    last = np.append(turns, len(u) - 1)
+    # Index of the last cell before each reversal.
+    reversals = moves[1:][change[moves[1:]] != change[moves[:-1]]]
+    last = np.append(reversals, len(u) - 1)
     rising = bool(len(moves) == 0 or change[moves[0]] > 0)
-    y, positions = u[0].item(), []
+    y, at_reversals = u[0].item(), []
     for k, value in enumerate(u[last].tolist()):
-        positions.append(y)
+        at_reversals.append(y)
         up = rising == (k % 2 == 0)
         pushed = value - half_width if up else value + half_width
         if pushed.real > y.real if up else pushed.real < y.real:
             y = pushed
     count = np.diff(last, prepend=-1)
-    from_last = np.repeat(np.array(positions), count)
+    y0 = np.repeat(np.array(at_reversals), count)
     upward = np.repeat((np.arange(len(last)) % 2 == 0) == rising, count)
-    return np.where(upward, maximum(from_last, u - half_width), minimum(from_last, u + half_width))
+    return np.where(upward, maximum(y0, u - half_width), minimum(y0, u + half_width))

@@ -32,9 +32,7 @@ from sim.errors import ModelError
 
 
 def effect_modules() -> tuple[ModuleType, ...]:
-    """Return the modules of all station folders and the folders in them, in the order of the signal
-    chain, then by name.
-    """
+    """Return the modules in the station folders, in the order of the signal chain, then by name."""
     result: list[ModuleType] = []
     for station in Station:
         folder = f"sim.effects.{station.name.lower()}"
@@ -67,16 +65,16 @@ def library() -> tuple[Effect, ...]:
                 where=module.__name__,
                 remedy="define VARIANTS, a tuple of effects, in it",
             )
-        effects += _with_places(module, variants)
+        effects += _with_sort_names(module, variants)
     return _in_order(effects)
 
 
 def effects_for(equations: Equations) -> tuple[Effect, ...]:
     """Return the effects that can act on a vehicle.
 
-    These are instances in ``VARIANTS`` whose input, channel and ports the vehicle has, and
-    instances for its other inputs, outputs and ports, which ``made_for(equations)`` of a module
-    makes if the module has this function.
+    These are the instances in ``VARIANTS`` whose input, channel and ports the vehicle has. For its
+    other inputs, outputs and ports, the function ``made_for(equations)`` of a module, if it exists,
+    makes further instances.
     """
     candidates: list[tuple[str, Effect]] = []
     for module in effect_modules():
@@ -84,33 +82,34 @@ def effects_for(equations: Equations) -> tuple[Effect, ...]:
         names = {effect.name for effect in known}
         made = module.made_for(equations) if hasattr(module, "made_for") else ()
         further = [e for e in made if e.name not in names and applies(e, equations)]
-        candidates += _with_places(module, (*known, *further))
+        candidates += _with_sort_names(module, (*known, *further))
     return _in_order(candidates)
 
 
-def _with_places(module: ModuleType, effects: Sequence[Effect]) -> list[tuple[str, Effect]]:
+def _with_sort_names(module: ModuleType, effects: Sequence[Effect]) -> list[tuple[str, Effect]]:
     """Return the effects of a module, each with the name by which it is sorted.
 
-    That is the name of the module, or of the effect if the module has several.
+    That is the name of the module, or the family name of the effect if the module has several
+    families.
     """
-    stems = {effect.name.partition(":")[0] for effect in getattr(module, "VARIANTS", ())}
+    families = {effect.name.partition(":")[0] for effect in getattr(module, "VARIANTS", ())}
     file = module.__name__.rpartition(".")[2]
     return [
-        (file if len(stems) < 2 else effect.name.partition(":")[0].replace("-", "_"), effect)
+        (file if len(families) < 2 else effect.name.partition(":")[0].replace("-", "_"), effect)
         for effect in effects
     ]
 
 
 def _in_order(effects: Sequence[tuple[str, Effect]]) -> tuple[Effect, ...]:
-    """Return effects in the order of the signal chain, then by the names of ``_with_places``."""
+    """Return effects in the order of the signal chain, then by their sort names."""
     stations = [*Station]
     ordered = sorted(effects, key=lambda each: (stations.index(each[1].station), each[0]))
     return tuple(effect for _, effect in ordered)
 
 
 def other_names(equations: Equations) -> dict[str, str]:
-    """Return further name -> name of an effect of a vehicle, from ``other_names(equations)`` of the
-    modules.
+    """Return the further names of effects of a vehicle, each with the effect's own name, from
+    ``other_names(equations)`` of the modules.
     """
     names: dict[str, str] = {}
     for module in effect_modules():
@@ -122,8 +121,8 @@ def catch_all_terms_for(equations: Equations) -> tuple[Traceable, ...]:
     """Return the catch-all terms of a vehicle, which compete with its effects and name no cause.
 
     If one of them is the most probable, a cause outside the library acts. They are not in the
-    library, but are found by file in the same way; ``made_for(equations)`` of a file makes those
-    for the signals and ports of a user's model.
+    library, but are found by file in the same way: ``GUARDS`` of a file, and the terms that its
+    ``made_for(equations)`` makes for the signals and ports of a user model.
     """
     package = importlib.import_module("sim.effects.guards")
     candidates: list[Traceable] = []
@@ -177,15 +176,11 @@ def traits_of(name: str) -> Traits:
     A numbered instance (``elastic-mode#2``) has the traits of the first one (``elastic-mode``).
     Instances made from a declaration are not in the library; they have traits of their own.
     """
-    effects = [effect for effect in library() if isinstance(effect, Traceable)]
-    first = [effect for effect in effects if effect.name == name.partition("#")[0]]
-    return next(
-        (
-            effect.traits
-            for effect in (*(effect for effect in effects if effect.name == name), *first)
-        ),
-        Traits(),
-    )
+    effects = {
+        effect.name: effect for effect in reversed(library()) if isinstance(effect, Traceable)
+    }
+    found = effects.get(name) or effects.get(name.partition("#")[0])
+    return found.traits if found is not None else Traits()
 
 
 def find_effect(name: str, equations: Equations | None = None) -> Effect:

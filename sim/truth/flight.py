@@ -223,7 +223,7 @@ def _between(by_input: tuple[Maneuver, ...], begin: float, end: float) -> Inputs
     return lambda t: [float(maneuver(t)) for maneuver in by_input] if t < end - 1e-9 else last
 
 
-# ---- The truth generator: fly a model through maneuvers, and measure what it does
+# ---- The truth generator: a model flies maneuvers, and its outputs are measured
 
 
 class Distance(Enum):

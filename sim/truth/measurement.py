@@ -132,8 +132,8 @@ class Measurement:
 
     Attributes
     ----------
-    std : standard deviation of the noise, in the unit of the output. If None, ``fly`` takes that of
-        the model, and ``measure`` adds no noise.
+    std : standard deviation of the noise, in the unit of the output. If None, ``fly`` uses the
+        model's standard deviations, and ``measure`` adds no noise.
     correlation_time : s; the noise of that output is a first-order Gauss-Markov process instead of
         white noise.
     resolution : size of the quantisation step, unit of the output; rounding comes after the noise.

@@ -11,7 +11,7 @@ and Euler's equations with Ixz [1]_. States are the airspeed V, alpha and beta i
 Coefficients of lift and drag, CL and CD, are turned by alpha into CZ and CX. Moment coefficients
 refer to a reference point; ``cg`` is the position of the centre of gravity relative to it.
 
-With a recorded wind these states belong to the velocity over the ground. Aerodynamic forces and the
+With a recorded wind, these states describe the velocity over the ground. Aerodynamic forces and the
 outputs airspeed, alpha and beta belong to the velocity relative to the air.
 
 References
@@ -64,15 +64,8 @@ CONSTANTS: Mapping[str, str] = MappingProxyType(
     }
 )
 VARYING = (  # constants that may be columns of the record
-    "mass",
-    "roll_inertia",
-    "pitch_inertia",
-    "yaw_inertia",
-    "cross_inertia",
-    "air_density",
-    "cg_x",
-    "cg_y",
-    "cg_z",
+    *("mass", "roll_inertia", "pitch_inertia", "yaw_inertia", "cross_inertia"),
+    *("air_density", "cg_x", "cg_y", "cg_z"),
 )
 DEFAULTS: Mapping[str, float] = MappingProxyType(
     {
@@ -102,7 +95,7 @@ WIND: Mapping[str, tuple[str, str, str]] = MappingProxyType(
 SENSORS = ("airspeed", "alpha", "beta", "accelerometer")
 BIASED = ("p", "q", "r")
 Point = tuple[float, float, float]
-_HERE: Point = (0.0, 0.0, 0.0)
+_AT_CG: Point = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -137,8 +130,8 @@ class Aircraft:
     start : initial values of states.
     biases : outputs with a free constant bias.
     further : states in addition to ``STATES``.
-    recorded : states that are columns of the record and not simulated; alpha and beta are the
-        readings of their vanes.
+    recorded : states that are columns of the record and not simulated; recorded alpha and beta are
+        the readings of their vanes.
     attitude : ``euler`` or ``quaternion``, the representation that is integrated.
     estimated : coordinates of sensors that are parameters, such as ``accelerometer_y``; their
         starting values are in ``sensors``.
@@ -198,7 +191,7 @@ class Aircraft:
         places = {
             f"{name}_{axis}": value
             for name in SENSORS
-            for axis, value in zip("xyz", self.sensors.get(name, _HERE), strict=True)
+            for axis, value in zip("xyz", self.sensors.get(name, _AT_CG), strict=True)
         }
         return {name: (places[name], "m") for name in self.estimated}
 
@@ -216,7 +209,7 @@ class Aircraft:
         sensors = {name: list(place) for name, place in self.sensors.items()}
         for each, (old, _) in self.positions.items():
             name, axis = each.rsplit("_", 1)
-            sensors.setdefault(name, [*_HERE])["xyz".index(axis)] = values.get(each, old)
+            sensors.setdefault(name, [*_AT_CG])["xyz".index(axis)] = values.get(each, old)
         return replace(
             self,
             sensors={name: (x, y, z) for name, (x, y, z) in sensors.items()},
@@ -270,8 +263,8 @@ def refuse_recorded(
 ) -> None:
     """Raise DeclarationError for recorded states that the model cannot have.
 
-    These are all states, since none is left to simulate, and states that a wind or a quaternion
-    excludes. An attitude that is no key of ``ATTITUDES`` is refused, too.
+    Not all states can be recorded, since none would be left to simulate, and a wind or a quaternion
+    excludes some. An attitude that is no key of ``ATTITUDES`` is refused, too.
     """
     if attitude not in ATTITUDES:
         raise DeclarationError(
@@ -320,16 +313,14 @@ def aircraft_model(aircraft: Aircraft) -> Model:
     ------
     DeclarationError : see ``refuse_unphysical``, ``refuse_wind`` and ``refuse_recorded``.
     """
-    refuse_unphysical(aircraft)
-    refuse_wind(aircraft.wind, aircraft.further, f"vehicle {aircraft.name}")
     where = f"vehicle {aircraft.name}"
+    refuse_unphysical(aircraft)
+    refuse_wind(aircraft.wind, aircraft.further, where)
     refuse_recorded(aircraft.recorded, aircraft.wind, where, aircraft.attitude)
-    thrust = {} if not aircraft.thrust.signal else {aircraft.thrust.signal: "N"}
-    if aircraft.thrust.signal == "throttle":
-        thrust = {"throttle": "1"}
-    driven = {
+    thrust = aircraft.thrust.signal
+    inputs = {
         **aircraft.surfaces,
-        **thrust,
+        **({thrust: "1" if thrust == "throttle" else "N"} if thrust else {}),
         **dict.fromkeys(WIND.get(aircraft.wind, ()), "m/s"),
         **{name: CONSTANTS[name] for name in aircraft.varying},
         **{name: STATES[name] for name in aircraft.recorded},
@@ -341,19 +332,20 @@ def aircraft_model(aircraft: Aircraft) -> Model:
         if name not in aircraft.varying
     }
     further = {name: FURTHER[name] for name in FURTHER if name in aircraft.further}
-    rest = {name: aircraft.constants[name] for name in aircraft.varying}
     motion = _AircraftEquations(aircraft)
-    turned = ATTITUDES[aircraft.attitude]
-    angles, given = ("phi", "theta", "psi"), aircraft.start
-    at = [given.get(name, 0.0) for name in angles]
-    starts_of_states = {name: v for name, v in given.items() if name not in angles}
-    starts_of_states |= {n: v for n, v in turned.at_start(*at).items() if n in motion.moving}
-    units = {**STATES, **FURTHER, **turned.states, **turned.headed}
+    attitude = ATTITUDES[aircraft.attitude]
+    angles = {name: aircraft.start.get(name, 0.0) for name in ("phi", "theta", "psi")}
+    initial = {
+        **{name: value for name, value in aircraft.start.items() if name not in angles},
+        **{n: v for n, v in attitude.at_start(**angles).items() if n in motion.moving},
+        **{name: aircraft.constants[name] for name in aircraft.varying},
+    }
+    units = {**STATES, **FURTHER, **attitude.states, **attitude.headed}
     try:
         model = own_model(
             NAME,
             {name: units[name] for name in motion.moving},
-            driven,
+            inputs,
             {**outputs, **further},
             {**aircraft.parameters, **aircraft.positions},
             motion.rates,
@@ -361,7 +353,7 @@ def aircraft_model(aircraft: Aircraft) -> Model:
             constants,
             dict.fromkeys((*aircraft.forces, *MOMENTS), "1"),
             motion.flow,
-            {**starts_of_states, **rest},
+            initial,
             biases=[name for name in aircraft.biases if name not in aircraft.recorded],
         )
     except ModelError as error:
@@ -374,14 +366,15 @@ def aircraft_model(aircraft: Aircraft) -> Model:
 
 
 def _start(item: Parameter, attitude: str) -> Parameter:
-    """Return the initial value of a state as a fit takes it.
+    """Return the initial value of a state in the form for a fit.
 
-    Those of a quaternion follow from the outputs ``phi``, ``theta`` and ``psi``, or are held.
+    Initial values of a quaternion follow from the outputs ``phi``, ``theta`` and ``psi``, or are
+    held.
     """
-    turned = ATTITUDES[attitude]
-    if item.name in turned.held:
+    of_attitude = ATTITUDES[attitude]
+    if item.name in of_attitude.held:
         return replace(item, free=False)
-    by_angles = attitude != EULER and item.name in {**turned.states, **turned.headed}
+    by_angles = attitude != EULER and item.name in {**of_attitude.states, **of_attitude.headed}
     return replace(item, source=FROM_OUTPUTS) if by_angles else item
 
 
@@ -401,27 +394,32 @@ class _AircraftEquations:
 
     def __init__(self, aircraft: Aircraft) -> None:
         self.aircraft = aircraft
-        named = [
-            (axis, f"{axis}_{term.label}", term)
+        terms = [
+            (axis, term)
             for axis in (*aircraft.forces, *MOMENTS)
             for term in aircraft.coefficients[axis]
         ]
-        self.named = [(axis, name) for axis, name, _ in named]
-        self.table = TermTable([term for _, _, term in named])
-        self.needs_mach = any("mach" in term.signals for _, (_, term) in aircraft.terms.items())
-        self.places = {name: aircraft.sensors.get(name, _HERE) for name in SENSORS}
-        free = aircraft.positions
-        self.free = {
-            name: tuple(each if (each := f"{name}_{axis}") in free else "" for axis in "xyz")
+        self.coefficients = [(axis, f"{axis}_{term.label}") for axis, term in terms]
+        self.table = TermTable([term for _, term in terms])
+        self.needs_mach = any("mach" in term.signals for _, term in aircraft.terms.values())
+        self.places = {name: aircraft.sensors.get(name, _AT_CG) for name in SENSORS}
+        # Parameters that are coordinates of a sensor; empty for a coordinate that is fixed.
+        self.estimated = {
+            name: tuple(
+                each if (each := f"{name}_{axis}") in aircraft.estimated else "" for axis in "xyz"
+            )
             for name in SENSORS
         }
-        self.away = {n for n in SENSORS if self.places[n] != _HERE or any(self.free[n])}
-        self.turned = ATTITUDES[aircraft.attitude]
-        self.headed = "psi" in aircraft.further
-        path_states = [name for name in STATES if name not in ("phi", "theta")]
-        path_states += [*self.turned.states, *(self.turned.headed if self.headed else ())]
-        path_states += [name for name in aircraft.further if name != "psi"]
-        self.moving = tuple(name for name in path_states if name not in aircraft.recorded)
+        self.away = {n for n in SENSORS if self.places[n] != _AT_CG or any(self.estimated[n])}
+        self.attitude = ATTITUDES[aircraft.attitude]
+        self.has_heading = "psi" in aircraft.further
+        states = (
+            *(name for name in STATES if name not in ("phi", "theta")),
+            *self.attitude.states,
+            *(self.attitude.headed if self.has_heading else ()),
+            *(name for name in aircraft.further if name != "psi"),
+        )
+        self.moving = tuple(name for name in states if name not in aircraft.recorded)
         self.read = tuple(
             name for name in (*STATES, *aircraft.further) if name not in aircraft.recorded
         )
@@ -462,7 +460,7 @@ class _AircraftEquations:
             **{AS_TERM + name: value for name, value in values.items()},
         }
         totals: dict[str, Any] = {axis: 0.0 for axis in (*self.aircraft.forces, *MOMENTS)}
-        for (axis, name), term in zip(self.named, self.table.values(values), strict=True):
+        for (axis, name), term in zip(self.coefficients, self.table.values(values), strict=True):
             totals[axis] = add_product(totals[axis], getattr(p, name), term)
         return result | {f"{axis}_terms": total for axis, total in totals.items()}
 
@@ -471,7 +469,7 @@ class _AircraftEquations:
         c = self._constants(s, p)
         (X, Y, Z), (L, M, N) = self._loads(s, c)
         u, v, w = self._velocity(s) if self.aircraft.wind else (s.u_air, s.v_air, s.w_air)
-        (x, y, z), turning = self.turned.motion(s)
+        (x, y, z), attitude_rates = self.attitude.motion(s)
         u_dot = s.r * v - s.q * w + G0 * x + X / c["mass"]
         v_dot = s.p * w - s.r * u + G0 * y + Y / c["mass"]
         w_dot = s.q * u - s.p * v + G0 * z + Z / c["mass"]
@@ -482,7 +480,7 @@ class _AircraftEquations:
             "alpha": (u * w_dot - w * u_dot) / plane,
             "beta": (V * v_dot - v * V_dot) / (V * sqrt(plane)),
             **angular_accelerations(s, c, L, M, N),
-            **turning,
+            **attitude_rates,
             "altitude": -(u * x + v * y + w * z),
         }
         return {name: result[name] for name in self.moving}
@@ -491,7 +489,7 @@ class _AircraftEquations:
         """Return the readings of the sensors at their positions."""
         c = self._constants(s, p)
         (X, Y, Z), (L, M, N) = self._loads(s, c)
-        angles = self.turned.angles(s, self.headed)
+        angles = self.attitude.angles(s, self.has_heading)
         result = {n: angles[n] if n in angles else getattr(s, n) for n in self.read}
         for name in ("airspeed", "alpha", "beta"):
             if name not in self.moving:
@@ -518,7 +516,7 @@ class _AircraftEquations:
         """Return the position of a sensor from the centre of gravity, m."""
         x, y, z = (
             getattr(p, parameter) if parameter else value
-            for value, parameter in zip(self.places[name], self.free[name], strict=True)
+            for value, parameter in zip(self.places[name], self.estimated[name], strict=True)
         )
         return x, y, z
 
@@ -550,7 +548,7 @@ class _AircraftEquations:
     def _wind(self, s: Any) -> tuple[Any, Any, Any]:
         """Return the wind in body axes, m/s."""
         parts = tuple(getattr(s, name) for name in WIND[self.aircraft.wind])
-        return parts if self.aircraft.wind == "body" else self.turned.to_body(s, *parts)
+        return parts if self.aircraft.wind == "body" else self.attitude.to_body(s, *parts)
 
     def _thrust(self, s: Any) -> Any:
         source = self.aircraft.thrust

@@ -6,9 +6,10 @@ rates are not defined at theta = +-90 deg. The quaternion (e0, e1, e2, e3) has r
     2 e0' = -(e1 p + e2 q + e3 r),      2 e1' = e0 p + e2 r - e3 q,
     2 e2' = e0 q + e3 p - e1 r,         2 e3' = e0 r + e1 q - e2 p .
 
-The rates keep its norm, and all angles are computed from the normalised quaternion. So a fit holds
-e0 at the start. It also holds e3 at the start, because the initial heading is a state of its own,
-``psi_start``, with a rate of zero; a model has this state only if it has a heading.
+The rates keep its norm, and all angles are computed from the normalised quaternion. The initial e0
+therefore has no effect, and a fit holds it. A fit also holds the initial e3, because the initial
+heading is a state of its own, ``psi_start``, with a rate of zero. A model has this state only if it
+has a heading.
 
 References
 ----------
@@ -45,8 +46,8 @@ class Attitude(Protocol):
     held: tuple[str, ...]
 
     def motion(self, s: Any) -> tuple[Vector, Mapping[str, Any]]:
-        """Return the unit vector downward in body axes, and the rates of the states by name, those
-        of the heading included.
+        """Return the unit vector downward in body axes, and the rates of the states by name,
+        including those of the heading.
         """
 
     def angles(self, s: Any, headed: bool) -> Mapping[str, Any]:
@@ -142,8 +143,8 @@ class Quaternion:
         )
 
     def at_start(self, phi: float, theta: float, psi: float) -> Mapping[str, float]:
-        """Return a quaternion with e3 = 0 for phi and theta, and the heading that remains."""
-        # It turns the body's z axis to the downward axis, about an axis in the x-y plane.
+        """Return a quaternion with e3 = 0 for phi and theta, and the initial heading."""
+        # The quaternion of the rotation about an axis in the x-y plane that turns z downward.
         x = -math.sin(theta)
         y, z = math.sin(phi) * math.cos(theta), math.cos(phi) * math.cos(theta)
         e0 = math.sqrt(max(0.5 * (1.0 + z), 1e-12))
@@ -174,7 +175,7 @@ def _unit(s: Any) -> tuple[Any, Any, Any, Any]:
 def _angle(y: Any, x: Any) -> Any:
     """Return the angle of the direction (x, y), -pi to pi, by functions that keep complex steps."""
     size = sqrt(x * x + y * y)
-    # The tangent of half the angle, by the formula that is exact on this side of the y axis.
+    # Of the two formulas of the tangent of half the angle, each is exact on one side of the y axis.
     ahead, off = real(x) >= 0.0, where(real(y) >= 0.0, y + _ZERO_GUARD, y - _ZERO_GUARD)
     return 2.0 * arctan(where(ahead, y, size - x) / where(ahead, size + x, off))
 

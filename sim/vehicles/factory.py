@@ -107,7 +107,7 @@ def flexible_model(
     Each mode is an effect StructuralMode. Free are the six rigid derivatives, and of each mode nine
     parameters: ``CL_eta CL_etadot Cm_eta Cm_etadot Ceta_alpha Ceta_q Ceta_de`` and its own
     ``Ceta_eta Ceta_etadot``. Frequencies, dampings, generalized masses and couplings between modes
-    are held; a coupling that is missing is zero. The scale of a mode's coordinate cannot be
+    are held. A coupling that is missing is zero. The scale of a mode's coordinate cannot be
     estimated: hold one of its ``Ceta`` or use priors.
 
     Raises DeclarationError as ``rigid_model``, and for more modes than the set has.
@@ -123,23 +123,19 @@ def flexible_model(
     model = rigid_model(data, noise).with_effects(
         *(StructuralMode(number, numbers) for number in numbers)
     )
-    result = {
+    given = {
         name: _checked(data, name, unit)
         for name, unit, needed in mode_units(wanted)
         if needed or name in data
     }
-    couplings = {name: 0.0 for name, _, needed in mode_units(wanted) if not needed}
-    model = model.with_values(
-        {**couplings, **{name: number.value for name, number in result.items()}}
-    )
-    free = [*RIGID_DERIVATIVES]
-    for i in numbers:
-        free += [
-            mode_parameter(local, i)
-            for local in (*MODE_DERIVATIVES, f"Ceta_eta{i}", f"Ceta_etadot{i}")
-        ]
-    items = (_sourced(item, result) for item in model.parameters.only_free(free))
-    return model.with_parameters(ParameterSet(tuple(items)))
+    missing = {name: 0.0 for name, _, _ in mode_units(wanted) if name not in given}
+    free = [
+        mode_parameter(local, i)
+        for i in numbers
+        for local in (*MODE_DERIVATIVES, f"Ceta_eta{i}", f"Ceta_etadot{i}")
+    ]
+    model = model.with_parameters(model.parameters.only_free([*RIGID_DERIVATIVES, *free]))
+    return _with_numbers(model.with_values(missing), given)
 
 
 def ballistic_model(data: VehicleData, noise: Noise | None = None) -> Model:
@@ -154,10 +150,11 @@ def loes_model(data: VehicleData, noise: Noise | None = None) -> Model:
     """Return the low-order equivalent system with the numbers of a set, for whole-record fits.
 
     Free are the parameters in ``LOES_DERIVATIVES``; ``delay`` is that of an InputDelay on the
-    stick. Constants and the constant terms ``LOES_OFFSETS`` are held, the latter at zero unless the
-    set has them. A fit needs a bias on each output in addition; ``loes_filter_model`` makes the
-    model of the filter. Without ``vane_arm`` the vane is at the centre of gravity. Raises
-    DeclarationError as ``rigid_model``, and for a negative ``inv_tau`` or ``delay``.
+    stick. Constants and the constant terms ``LOES_OFFSETS`` are held. A constant term that the set
+    does not have is zero. Without ``vane_arm`` the vane is at the centre of gravity. A fit also
+    needs a bias on each output; ``loes_filter_model`` makes the model of the filter.
+
+    Raises DeclarationError as ``rigid_model``, and for a negative ``inv_tau`` or ``delay``.
     """
     optional = [
         SourcedNumber(name, 0.0, unit, note="zero unless given")
@@ -169,14 +166,8 @@ def loes_model(data: VehicleData, noise: Noise | None = None) -> Model:
     model = _model(full, Loes(), {**LOES_CONSTANTS, **LOES_OFFSETS}, in_equations, noise)
     delay = _checked(data, "delay", LOES_DERIVATIVES["delay"])
     model = model.with_effects(InputDelay("stick", in_vehicle_model=True))
-    items = []
-    for item in model.parameters:
-        if item.name == "inv_tau":
-            item = replace(item, bounds=(0.0, math.inf))
-        items.append(
-            replace(item, value=delay.value, source=delay.source) if item.name == "delay" else item
-        )
-    return model.with_parameters(ParameterSet(tuple(items)))
+    model = model.with_parameters(model.parameters.with_bounds({"inv_tau": (0.0, math.inf)}))
+    return _with_numbers(model, {"delay": delay})
 
 
 def whole_axis_model(data: VehicleData, noise: Noise | None = None) -> Model:
@@ -215,10 +206,16 @@ def whole_axis_model(data: VehicleData, noise: Noise | None = None) -> Model:
 def _with_motors(data: VehicleData, model: Model) -> Model:
     """Return the model with the path from commands to motors of a set."""
     given = {name: _checked(data, name, "s") for name in (LAG, DELAY) if name in data}
-    model = model.with_effects(*motor_path(lag=LAG in given, delay=DELAY in given))
+    return _with_numbers(
+        model.with_effects(*motor_path(lag=LAG in given, delay=DELAY in given)), given
+    )
+
+
+def _with_numbers(model: Model, numbers: Mapping[str, SourcedNumber]) -> Model:
+    """Return the model with the values and sources of some numbers."""
     items = (
-        replace(item, value=given[item.name].value, source=given[item.name].source)
-        if item.name in given
+        replace(item, value=numbers[item.name].value, source=numbers[item.name].source)
+        if item.name in numbers
         else item
         for item in model.parameters
     )
@@ -394,13 +391,6 @@ def _checked(data: VehicleData, name: str, unit: str) -> SourcedNumber:
     return number
 
 
-def _sourced(item: Parameter, numbers: Mapping[str, SourcedNumber]) -> Parameter:
-    source = numbers[item.name].source if item.name in numbers else item.source
-    return Parameter(
-        item.name, item.value, item.unit, item.prior_std, item.bounds, item.free, source
-    )
-
-
 def _user_number(vehicle: str, name: str, value: float, units: Mapping[str, str]) -> SourcedNumber:
     if name not in units:
         raise DeclarationError(
@@ -441,8 +431,8 @@ def linearise(
     model : the model.
     outputs : outputs in the order of y; None for all.
     about : point of linearisation: states and inputs by name in SI units, zero for those not named;
-        None for the origin. The matrices are the derivatives there, even if the point is no trim,
-        in which case the rates there are ignored.
+        None for the origin. The matrices are the derivatives at this point. If it is no trim, the
+        rates there are ignored.
 
     Raises
     ------

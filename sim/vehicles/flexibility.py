@@ -7,36 +7,37 @@ simulated flight data) are linear in eta,
     omega_i^2 M_i / (qbar S c) eta_i - sum_j Ceta_i_eta_j eta_j = Ceta_i_alpha alpha + Ceta_i_q
     q_hat + Ceta_i_de elevator,
 
-and eta in CL and Cm changes the six rigid derivatives.
+and the terms of eta in CL and Cm change the six rigid derivatives.
 
 Condensation of the upper modes b. The motion and the kept modes a deflect them at once, etadot_b =
 eta_ddot_b = 0,
 
     (K_b - C_bb) eta_b = C_b_motion motion + C_ba eta_a + C_ba_dot etadot_a c/2V,
 
-and eta_b in CL, Cm and the forces on the kept modes changes the coefficients of the reduced model.
+and the terms of eta_b in CL, Cm and the forces on the kept modes change the coefficients of the
+reduced model.
 
 A rigid model with equivalent derivatives assumes that the structure follows its loads at once. The
-error of this assumption grows with frequency (in proportion at first, by the rates of the modes)
-and falls with the square of the modal frequencies.
+error of this assumption increases with frequency (in proportion to it at low frequencies, because
+of the rates of the modes). It decreases with the square of the modal frequencies.
 
 Degree of flexibility (analytic, no data needed): the error of this assumption at the condensed
 short period, eps = max over alpha and q of |Y_flexible(j omega_sp) / Y_condensed(j omega_sp) - 1|,
 where Y is the response to the elevator.
 
 Criterion (for a maneuver and a noise): the six rigid derivatives are fitted to the noise-free
-flexible response; ``misfit`` is the rms of the residual of the best rigid model, each channel over
-its noise standard deviation. A rigid model is adequate if misfit <= 1: its prediction then errs
-less than the sensor does. Above, the structure dominates the residual. To call this residual noise
-means to claim more noise than the sensor has (the paper does so for its second aircraft, 0.09 for
-0.016 deg^2).
+flexible response. ``misfit`` is the rms of the residual of the best rigid model, each channel over
+its noise standard deviation. A rigid model is adequate if misfit <= 1: the error of its prediction
+is then smaller than that of the sensor. With a larger misfit the structure dominates the residual.
+Taking this residual for noise means assuming more noise than the sensor has (the paper does so for
+its second aircraft, with a variance of 0.09 instead of 0.016 deg^2).
 
-A rigid model that is adequate may still leave a detectable misfit. A residual test on n numbers
-detects the structure from about misfit^2 n = 2 z sqrt(2 n), z = 1.645 (5 % false alarms, 95 % power
-of a chi-squared test on the energy): ``detectable``. Between the two limits the rigid fit is good,
-but its derivatives, ``fitted``, differ from the condensed ones by more than their sigmas.
-``distance`` bounds this bias: no combination of derivatives is off by more sigmas than the whole
-response difference (Cauchy and Schwarz; to first order).
+An adequate rigid model may still leave a detectable misfit. ``detectable`` is the misfit above
+which a residual test on n numbers detects the structure, about misfit^2 n = 2 z sqrt(2 n) with z =
+1.645 (5 % false alarms, 95 % power of a chi-squared test on the energy). Between the two limits the
+rigid fit is good, but its derivatives, ``fitted``, differ from the condensed ones by more than
+their sigmas. ``distance`` bounds this bias. By the inequality of Cauchy and Schwarz, to first order
+no combination of derivatives differs by more sigmas than the whole response.
 
 Values for the bomber with all four modes, the 3-2-1-1 of 6 deg and unit 0.5 s, 8 s at 100 Hz, noise
 variance 0.016 deg^2 in alpha and q (factor: common factor on AC1's frequencies; AC2 is 0.5):
@@ -74,70 +75,9 @@ from sim.vehicles.factory import (
 )
 from sim.vehicles.library import Origin, VehicleData
 
-# ---- Static condensation of the upper elastic modes only
-
-_MOTIONS = ("alpha", "q", "de")
-
-
-def condense_above(values: Mapping[str, float], modes: int, kept_modes: int) -> dict[str, float]:
-    """Return the coefficients of a model with ``kept_modes`` modes that is equivalent to one with
-    ``modes`` modes in static deflection.
-
-    Parameters
-    ----------
-    values : numbers by full name in SI, as ``VehicleData.values`` has them; a coupling that is
-        missing is zero.
-    modes : number of modes of the aircraft.
-    kept_modes : number of modes of the reduced model, ``0 <= kept_modes <= modes``. Without any the
-        result is that of ``condense``.
-
-    Returns
-    -------
-    The six rigid derivatives and, of the kept modes, their ``CL_eta CL_etadot Cm_eta Cm_etadot``
-    and all ``Ceta``, SI.
-
-    Raises
-    ------
-    ModelError : more modes are to be kept than there are.
-    """
-    if not 0 <= kept_modes <= modes:
-        raise ModelError(
-            f"{kept_modes} modes kept of {modes}", where="condensation", remedy=f"keep 0 to {modes}"
-        )
-    first, rest = range(1, kept_modes + 1), range(kept_modes + 1, modes + 1)
-    pressure = (
-        0.5
-        * values["air_density"]
-        * values["airspeed"] ** 2
-        * values["wing_area"]
-        * values["chord"]
-    )
-    rows = ["CL", "Cm", *(f"Ceta{i}" for i in first)]
-    columns = [*_MOTIONS, *(f"eta{j}" for j in first), *(f"etadot{j}" for j in first)]
-
-    def table(of: list[str], by: list[str]) -> np.ndarray:
-        return np.array(
-            [[values.get(f"{row}_{column}", 0.0) for column in by] for row in of]
-        ).reshape(len(of), len(by))
-
-    forces, hidden = [f"Ceta{i}" for i in rest], [f"eta{i}" for i in rest]
-    stiffness = np.diag(
-        [values[f"omega{i}"] ** 2 * values[f"generalized_mass{i}"] / pressure for i in rest]
-    )
-    deflection = np.linalg.solve(
-        stiffness.reshape(len(rest), len(rest)) - table(forces, hidden), table(forces, columns)
-    )
-    reduced = table(rows, columns) + table(rows, hidden) @ deflection
-    return {
-        f"{row}_{column}": float(value)
-        for row, line in zip(rows, reduced, strict=True)
-        for column, value in zip(columns, line, strict=True)
-    }
-
-
 # ---- Static condensation
 
-_static_condensation_MOTIONS = ("alpha", "q", "de")
+_MOTIONS = ("alpha", "q", "de")
 
 
 @dataclass(frozen=True)
@@ -174,32 +114,8 @@ def condense(values: Mapping[str, float], modes: int) -> Condensation:
     ModelError : the restrained structure is beyond static divergence, so that it has no static
         deflection.
     """
-    names = [
-        f"{coefficient}_{motion}"
-        for coefficient in ("CL", "Cm")
-        for motion in _static_condensation_MOTIONS
-    ]
-    rigid = np.array([values[name] for name in names]).reshape(2, 3)
     numbers = range(1, modes + 1)
-    pressure = (
-        0.5
-        * values["air_density"]
-        * values["airspeed"] ** 2
-        * values["wing_area"]
-        * values["chord"]
-    )
-    stiffness = np.array(
-        [values[f"omega{i}"] ** 2 * values[f"generalized_mass{i}"] / pressure for i in numbers]
-    )
-    aerodynamic = np.array(
-        [[values.get(f"Ceta{i}_eta{j}", 0.0) for j in numbers] for i in numbers]
-    ).reshape(modes, modes)
-    forces = np.array(
-        [[values[f"Ceta{i}_{motion}"] for motion in _static_condensation_MOTIONS] for i in numbers]
-    ).reshape(modes, 3)
-    loads = np.array(
-        [[values[f"{coefficient}_eta{i}"] for i in numbers] for coefficient in ("CL", "Cm")]
-    ).reshape(2, modes)
+    stiffness, aerodynamic = _stiffness(values, numbers)
     margin = (
         float(np.min(np.linalg.eigvals(np.eye(modes) - aerodynamic / stiffness[:, None]).real))
         if modes
@@ -211,14 +127,88 @@ def condense(values: Mapping[str, float], modes: int) -> Condensation:
             where=f"{modes} elastic mode(s)",
             remedy="raise the frequencies or lower the airspeed",
         )
+    forces = _table(values, [f"Ceta{i}" for i in numbers], _MOTIONS)
     deflection = np.linalg.solve(np.diag(stiffness) - aerodynamic, forces)
-    change = loads @ deflection
+    loads = ("CL", "Cm")
+    rigid = _table(values, loads, _MOTIONS)
+    change = _table(values, loads, [f"eta{i}" for i in numbers]) @ deflection
+    names = [f"{load}_{motion}" for load in loads for motion in _MOTIONS]
     return Condensation(
         dict(zip(names, (rigid + change).ravel().tolist(), strict=True)),
         dict(zip(names, change.ravel().tolist(), strict=True)),
         deflection,
         margin,
     )
+
+
+def condense_above(values: Mapping[str, float], modes: int, kept_modes: int) -> dict[str, float]:
+    """Return the coefficients of a model with ``kept_modes`` modes that is equivalent to one with
+    ``modes`` modes in static deflection.
+
+    Parameters
+    ----------
+    values : as in ``condense``.
+    modes : number of modes of the aircraft.
+    kept_modes : number of modes of the reduced model, ``0 <= kept_modes <= modes``. Without any the
+        result is that of ``condense``.
+
+    Returns
+    -------
+    The six rigid derivatives and, of the kept modes, their ``CL_eta CL_etadot Cm_eta Cm_etadot``
+    and all ``Ceta``, SI.
+
+    Raises
+    ------
+    ModelError : more modes are to be kept than there are.
+    """
+    if not 0 <= kept_modes <= modes:
+        raise ModelError(
+            f"{kept_modes} modes kept of {modes}", where="condensation", remedy=f"keep 0 to {modes}"
+        )
+    kept, condensed = range(1, kept_modes + 1), range(kept_modes + 1, modes + 1)
+    rows = ["CL", "Cm", *(f"Ceta{i}" for i in kept)]
+    columns = [*_MOTIONS, *(f"eta{j}" for j in kept), *(f"etadot{j}" for j in kept)]
+    stiffness, aerodynamic = _stiffness(values, condensed)
+    forces = _table(values, [f"Ceta{i}" for i in condensed], columns)
+    deflection = np.linalg.solve(np.diag(stiffness) - aerodynamic, forces)
+    by_deflection = _table(values, rows, [f"eta{i}" for i in condensed])
+    reduced = _table(values, rows, columns) + by_deflection @ deflection
+    return {
+        f"{row}_{column}": float(value)
+        for row, line in zip(rows, reduced, strict=True)
+        for column, value in zip(columns, line, strict=True)
+    }
+
+
+def _table(values: Mapping[str, float], rows: Sequence[str], columns: Sequence[str]) -> np.ndarray:
+    """Return the coefficients ``ROW_COLUMN``; a coupling between modes that is missing is zero."""
+
+    def coefficient(row: str, column: str) -> float:
+        coupling = row.startswith("Ceta") and column.startswith("eta")
+        name = f"{row}_{column}"
+        return values.get(name, 0.0) if coupling else values[name]
+
+    return np.array([[coefficient(row, column) for column in columns] for row in rows]).reshape(
+        len(rows), len(columns)
+    )
+
+
+def _stiffness(values: Mapping[str, float], modes: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the structural stiffness ``(n,)`` of modes and their aerodynamic stiffness ``(n, n)``,
+    both over qbar S c.
+    """
+    pressure = (
+        0.5
+        * values["air_density"]
+        * values["airspeed"] ** 2
+        * values["wing_area"]
+        * values["chord"]
+    )
+    structural = [
+        values[f"omega{i}"] ** 2 * values[f"generalized_mass{i}"] / pressure for i in modes
+    ]
+    forces, deflections = [f"Ceta{i}" for i in modes], [f"eta{i}" for i in modes]
+    return np.array(structural), _table(values, forces, deflections)
 
 
 # ---- The same aircraft with a stiffer or softer structure
@@ -264,7 +254,7 @@ def with_frequency_factor(data: VehicleData, factor: float) -> VehicleData:
 
 # ---- Degree of flexibility, and adequacy of a rigid model
 
-LARGEST_MISFIT = 1.0  # of an adequate rigid model
+LARGEST_MISFIT = 1.0  # largest misfit of an adequate rigid model
 _NORMAL_95 = 1.6448536269514722  # 95 % quantile of the standard normal distribution
 _ITERATIONS = 30  # most iterations of the fit of a rigid model
 
@@ -275,14 +265,14 @@ class Flexibility:
 
     Attributes
     ----------
-    stiffness_loss : share of the short period's stiffness omega_sp^2 that is lost by static
-        deflection.
-    separation : lowest elastic frequency over the condensed short-period frequency.
+    stiffness_loss : share of the short period's stiffness omega_sp^2 that static deflection
+        removes.
+    separation : lowest elastic frequency divided by the condensed short-period frequency.
     short_period : condensed short-period frequency omega_sp, rad/s.
     degree : degree of flexibility, the error of the quasi-static assumption at ``short_period``.
-    distance : flexible minus condensed response over the noise, root of the sum of squares over the
-        record.
-    misfit : residual of the best rigid model over the noise, rms over the record.
+    distance : root of the sum of squares over the record of the flexible minus the condensed
+        response, divided by the noise.
+    misfit : rms over the record of the residual of the best rigid model, divided by the noise.
     detectable : misfit above which a residual test detects the structure.
     condensed, fitted : six derivatives by condensation, and those of the best rigid model for this
         maneuver, 1/rad.
@@ -376,10 +366,12 @@ def _error(flexible: Model, condensed: Model, omega: float) -> float:
 
 
 def _oscillations(model: Model) -> list[complex]:
+    """Return the eigenvalues of a model with a positive imaginary part, 1/s."""
     return [root for root in np.linalg.eigvals(linearise(model).A).tolist() if root.imag > 0]
 
 
 def _short_period(data: VehicleData, model: Model) -> float:
+    """Return the short-period frequency of a rigid model, rad/s."""
     roots = _oscillations(model)
     if not roots:
         raise ModelError(

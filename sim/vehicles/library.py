@@ -353,12 +353,13 @@ POSITIVE = (
     "air_density",
     "speed_of_sound",
 )
-# Area is about span times chord: their ratio is 1 of a rectangle, 4/3 of a triangle. Radii of
+# Span times chord over area is 1 for a rectangle and 4/3 for a triangle. Radii of
 # gyration in roll are 0.2 to 0.4 of half the span (Raymer, Aircraft Design, table 16.1).
 CHORD_TIMES_SPAN = (0.5, 2.5)  # plausible ratio to the area, wider than for any wing
-RADIUS = (0.1, 0.8)  # plausible radius of gyration in roll, relative to half the span
-THINNEST = 0.003  # kg/m3, least plausible density, at 43 km; sea level in slug/ft3 is 0.0024
-SOUND = (200.0, 500.0)  # m/s, plausible speed of sound; 340 m/s are 661 kn and 1116 ft/s
+GYRATION_RADIUS = (0.1, 0.8)  # plausible radius of gyration in roll, relative to half the span
+# kg/m3, least plausible density, that at 43 km; the density at sea level in slug/ft3 is 0.0024.
+LEAST_DENSITY = 0.003
+SPEED_OF_SOUND = (200.0, 500.0)  # m/s, plausible speed of sound; 340 m/s are 661 kn and 1116 ft/s
 
 
 def refuse_numbers(constants: Mapping[str, float], names: Iterable[str], where: str) -> None:
@@ -408,20 +409,20 @@ def _refuse_other_units(c: Mapping[str, float], where: str) -> None:
             remedy='give all three in m, or with their units as in span = "70.5 ft"',
         )
     radius = 2.0 * math.sqrt(c["roll_inertia"] / c["mass"]) / c["span"]
-    if not RADIUS[0] < radius < RADIUS[1]:
+    if not GYRATION_RADIUS[0] < radius < GYRATION_RADIUS[1]:
         raise DeclarationError(
             f"the radius of gyration in roll is {radius:.2g} of half the span, of aircraft 0.2 to "
             "0.4",
             where=where,
             remedy='check mass, span and roll_inertia; units are written as in mass = "1205 slug"',
         )
-    if c["air_density"] < THINNEST:
+    if c["air_density"] < LEAST_DENSITY:
         raise DeclarationError(
             f"air_density = {c['air_density']:g} kg/m3 is that of 43 km",
             where=where,
             remedy='write slugs as air_density = "0.0014 slug/ft3"',
         )
-    if not SOUND[0] < c["speed_of_sound"] < SOUND[1]:
+    if not SPEED_OF_SOUND[0] < c["speed_of_sound"] < SPEED_OF_SOUND[1]:
         raise DeclarationError(
             f"speed_of_sound = {c['speed_of_sound']:g} m/s is that of no air",
             where=where,

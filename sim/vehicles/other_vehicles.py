@@ -154,8 +154,5 @@ def motor_path(*, lag: bool, delay: bool) -> tuple[Effect, ...]:
     and ``delay``.
     """
     lags = tuple(ActuatorLag(name, "1", name, LAG) for name in COMMANDS) if lag else ()
-    return (
-        (*lags, *(InputDelay(name, in_vehicle_model=True, label=name) for name in COMMANDS))
-        if delay
-        else lags
-    )
+    delays = tuple(InputDelay(name, in_vehicle_model=True, label=name) for name in COMMANDS)
+    return (*lags, *delays) if delay else lags

@@ -125,14 +125,14 @@ LONGITUDINAL_DERIVATIVES = {
 
 @dataclass(frozen=True)
 class Longitudinal:
-    """Equations of speed, angle of attack, pitch attitude and pitch rate; all quantities are
+    """Equations of speed, angle of attack, pitch attitude and pitch rate. All quantities are
     totals, not perturbations.
 
     States: ``airspeed`` (m/s), ``alpha``, ``theta`` (rad), ``q`` (rad/s). Inputs: ``elevator``
     (rad), ``thrust`` (N). Outputs: ``airspeed``, ``alpha`` (vane at the centre of gravity),
     ``theta``, ``q``, ``nz`` (g, up), ``nx`` (g, forward). Ports: ``gust`` is an upward gust over
-    the airspeed (rad), ``headwind`` (m/s) one from ahead. They act on coefficients, vane and pitot
-    tube, and not on the states or on the directions of lift and drag. ``drag``, ``lift`` and
+    the airspeed (rad) and ``headwind`` a gust from ahead (m/s). Both act on coefficients, vane and
+    pitot tube, but not on the states or on the directions of lift and drag. ``drag``, ``lift`` and
     ``moment`` add to CD, CL and Cm.
     """
 
@@ -241,11 +241,13 @@ class Loes:
 
     States: ``alpha`` (rad), ``q`` (rad/s), pseudo-control ``delta`` (in the stick's unit). Input:
     ``stick``, any unit, nose up positive. Outputs: ``alpha`` at the vane, ``q``, ``nz`` (g, up).
-    Ports: ``gust`` (rad) adds to alpha in the loads and in the vane's reading, and not to the
-    state; ``lift`` (1/s) adds to alpha_dot, so that a positive one lowers nz; ``moment`` (1/s2)
-    adds to q_dot; ``airspeed_change`` (m/s) scales the derivatives as those of an aircraft with
+
+    Ports: ``gust`` (rad) adds to alpha in the loads and in the vane's reading, but not to the
+    state. ``lift`` (1/s) adds to alpha_dot, so that a positive value lowers nz. ``moment`` (1/s2)
+    adds to q_dot. ``airspeed_change`` (m/s) scales the derivatives as those of an aircraft with
     constant coefficients: L_alpha, L_delta and M_q with V, M_alpha and M_delta with V^2. It also
-    acts on nz and on the vane's correction; L_q, the lag and the constant terms are constant.
+    acts on nz and on the correction of the vane's reading. L_q, the lag and the constant terms do
+    not depend on it.
     """
 
     explanation = """\
@@ -414,16 +416,9 @@ positive to the right."""
         }
 
     def derivatives(self, s: Any, p: Any) -> Sequence[Any]:
-        rolling = (
-            s.pressure_area
-            * p.span
-            * plus(_linear(s, p.Cl_beta, p.Cl_p, p.Cl_r, p.Cl_da, p.Cl_dr), s.roll)
-        )
-        yawing = (
-            s.pressure_area
-            * p.span
-            * plus(_linear(s, p.Cn_beta, p.Cn_p, p.Cn_r, p.Cn_da, p.Cn_dr), s.yaw)
-        )
+        Cl = plus(_linear(s, p.Cl_beta, p.Cl_p, p.Cl_r, p.Cl_da, p.Cl_dr), s.roll)
+        Cn = plus(_linear(s, p.Cn_beta, p.Cn_p, p.Cn_r, p.Cn_da, p.Cn_dr), s.yaw)
+        rolling, yawing = s.pressure_area * p.span * Cl, s.pressure_area * p.span * Cn
         bound = p.roll_inertia * p.yaw_inertia - p.cross_inertia * p.cross_inertia
         turning = (
             s.p * sin(p.trim_alpha) - s.r * cos(p.trim_alpha) + G0 / s.V * cos(p.trim_theta) * s.phi

@@ -16,7 +16,7 @@ DELAYS = ("tests/unit/ident/banks/test_delay_bank.py",)
 FREQUENCY_FIT = ("tests/unit/ident/frequency_domain/test_fit.py",)
 SETTING = ("tests/unit/scenarios/maneuver_design/test_setting.py",)
 MACHINE = ("tests/unit/scenarios/trials/test_jsbsim_machine.py",)
-TERMS = ("tests/unit/exam/hidden_terms/test_terms.py",)
+TERMS = ("tests/unit/exam/test_hidden_terms.py",)
 
 
 def changes(file: str, tests: tuple[str, ...], *pairs: tuple[str, str]) -> tuple[Mutant, ...]:
@@ -181,7 +181,7 @@ SIM = (
     *changes(
         "sim/declaration/model.py",
         ("tests/unit/sim/vehicles/test_multirotor.py",),
-        ("for item in removed[0].parameters} - shared", "for item in gone[0].parameters}"),
+        ("for item in removed[0].parameters} - shared", "for item in removed[0].parameters}"),
     ),
     *changes(
         "scenarios/preparation/reading.py",
@@ -691,20 +691,20 @@ SCENARIOS = (
         ("1.0 - (self.scatter / self.stated) ** 2", "1.0 - self.scatter / self.stated"),
     ),
     *changes(
-        "exam/recorder_faults/columns.py",
-        ("tests/unit/exam/recorder_faults/test_recorder.py",),
+        "exam/recorder_faults.py",
+        ("tests/unit/exam/test_recorder_faults.py",),
         (
             'record.time < values["begin"] + values["length"]',
             'record.time <= values["begin"] + values["length"]',
         ),
     ),
     *changes(
-        "exam/recorder_faults/readings.py",
-        ("tests/unit/exam/recorder_faults/test_recorder.py",),
+        "exam/recorder_faults.py",
+        ("tests/unit/exam/test_recorder_faults.py",),
         ("np.clip(column, low + edge, high - edge)", "np.clip(column, low, high - edge)"),
     ),
     *changes(
-        "exam/coverage/page.py",
+        "exam/coverage/every_scenario.py",
         ("tests/unit/exam/test_coverage_page.py",),
         ("if factor > 1.0\n", "if factor < 1.0\n"),
     ),

@@ -9,9 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from exam.coverage.every_scenario import PAGE
-from exam.coverage.measured import measured
-from exam.coverage.plan import RUNS
+from exam.coverage.every_scenario import PAGE, RUNS, measured
 
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.slow

@@ -9,8 +9,8 @@ import pytest
 
 from exam.clean import MODELS, clean_flight
 from exam.detection import SETTINGS, WEAK, Finding, clean_run, weak_run, weak_setting
+from exam.random_cases.case_scoring import summary
 from exam.random_cases.examination import examine
-from exam.random_cases.summary import summary
 from exam.scoring import share_within_flights
 from ident.statistics.intervals import clopper_pearson
 

@@ -1,1 +1,1 @@
-"""How a surrogate flight flies: aircraft, what is drawn, maneuvers, small causes, records."""
+"""Simulation of surrogate flights: aircraft, draws, maneuvers, small causes, records."""

@@ -1,5 +1,5 @@
-"""The effect that dominates a surrogate flight: drawn by name, of such a size that a given share of
-the declared model's error is due to it.
+"""The dominant effect of a surrogate flight. It is drawn by name, with a size at which it causes a
+given share of the declared model's error.
 """
 
 from __future__ import annotations
@@ -14,22 +14,21 @@ from exam.surrogates.declaration import LATERAL, LONGITUDINAL
 from exam.surrogates.fitting import declared_model, misfit
 from exam.surrogates.flights.drawing import SPEED, Dominant, Drawn, hiding
 from exam.surrogates.flights.flying import fly_drawn
-from exam.surrogates.flights.kinds import KINDS, Kind
-from exam.surrogates.flights.lateral.kinds import LATERAL_KINDS
-from exam.surrogates.flights.sizes import values_at
+from exam.surrogates.flights.kinds import KINDS, Kind, values_at
+from exam.surrogates.flights.lateral.drawing import LATERAL_KINDS
 from sim.effects.library import find_effect
 from sim.errors import DeclarationError, ModelError
 
-LEAST = 0.3  # share of the error: below it nothing dominates
-SIZED_ON = 2  # records
+LEAST = 0.3  # smallest share of the error that a dominant effect causes
+SIZED_ON = 2  # records that determine the size
 SIZING_STEP = 0.01  # s
 ROUNDS = 4
 OF_AXIS = {LONGITUDINAL: KINDS, LATERAL: LATERAL_KINDS}
 
 
 def draw_dominant(drawn: Drawn, rng: np.random.Generator) -> Drawn:
-    """The flight with as many effects as it declares; names whose largest size is still too small
-    are passed over.
+    """Return the flight with as many effects as it declares; names whose largest size is still too
+    small are skipped.
 
     Raises
     ------
@@ -69,11 +68,11 @@ def sized(
     seed: int,
     rng: np.random.Generator,
 ) -> Dominant | None:
-    """An effect for which the error of the declared model, in the channel that shows it most, is
-    that of a flight without it over (1 - reduction).
+    """Return an effect with the size that gives the wanted error of the declared model.
 
-    ``before`` is the misfit without it, of the same records with the same random numbers. None
-    where its largest size stays below ``LEAST``.
+    In the channel that shows the effect most, the error is that of a flight without it over (1 -
+    reduction). ``before`` is the misfit without the effect, of the same records with the same
+    random numbers. None is returned if its largest size stays below ``LEAST``.
     """
     at = _kind(drawn, name)(drawn, rng)
     effect: Any = find_effect(name, drawn.model.equations)
@@ -96,8 +95,9 @@ def sized(
         except ModelError:
             return math.inf
 
-    # The square of the misfit grows as that of the size; a step is halved where that law leads
-    # astray.
+    # The square of the misfit is nearly proportional to that of the size. Where this fails, a
+    # step is
+    # halved.
     size, low, high = 0.3, 0.0, 1.0
     for _ in range(ROUNDS):
         now = reached(size)
@@ -122,10 +122,10 @@ def sized(
 def of_declared_size(
     drawn: Drawn, name: str, before: np.ndarray, seed: int, rng: np.random.Generator
 ) -> Dominant | None:
-    """An effect of a size drawn from its declared span, evenly among those that stand for ``LEAST``
-    of the error; None where the largest does not.
+    """Return an effect with a size from its declared span, drawn uniformly among sizes that cause
+    at least ``LEAST`` of the error.
 
-    ``before`` and ``seed`` as in ``sized``.
+    None is returned if the largest size does not. ``before`` and ``seed`` are as in ``sized``.
     """
     low, high = drawn.surrogate.hidden.sizes[name]
     effect, sign = find_effect(name, drawn.model.equations), float(rng.choice([-1.0, 1.0]))
@@ -140,12 +140,14 @@ def of_declared_size(
             1.0 - LEAST
         ):
             return found
-        low = size  # what is larger shows more
+        low = size  # a larger size has a larger effect
     return None
 
 
 def group(name: str) -> str:
-    """What an effect shares its traces with: of one group only one is hidden at a time."""
+    """Return the group of an effect with similar traces; only one effect of a group is hidden at a
+    time.
+    """
     kind, _, channel = name.partition(":")
     if name in ("vane-offset", "accelerometer-offset:nz", "accelerometer-offset:ny"):
         return "late alpha"

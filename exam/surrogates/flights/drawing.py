@@ -1,29 +1,106 @@
-"""What a surrogate flight's seed decides: aircraft, small causes that stay for the whole flight,
-maneuvers, channels, starting values.
-"""
+"""The aircraft of a surrogate flight, and what its seed determines."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
 from exam.aircraft import AIRCRAFT, USUAL
 from exam.hidden_terms.anti_alias_filter import AntiAliasFilter
 from exam.hidden_terms.curved_loads import CurvedLoads
-from exam.surrogates.axes import AXES, Axis
-from exam.surrogates.declaration import MEASURED, OPTIONAL, Causes, Surrogate
-from exam.surrogates.flights.aircraft import LongitudinalFlight
+from exam.surrogates.declaration import AXES, MEASURED, OPTIONAL, Axis, Causes, Surrogate
 from exam.surrogates.flights.maneuvers import Table, maneuver
-from sim.declaration.effect import Effect, Parameter, ParameterSet, full_name
+from sim.declaration.effect import Effect, Parameter, ParameterSet, Signal, full_name
 from sim.declaration.model import Model, Noise
 from sim.effects.dynamics.elastic_mode import ElasticMode
 from sim.effects.guards.further_loads import LaggedLoads
-from sim.maths import G0
+from sim.maths import G0, cos
 from sim.vehicles.factory import RIGID_CONSTANTS, RIGID_DERIVATIVES, linearise, model_from_constants
 from sim.vehicles.library import read_parameter_set
+from sim.vehicles.uncoupled import ShortPeriod
+
+# ---- The aircraft of a surrogate flight
+
+BASE = ShortPeriod()
+
+
+@dataclass(frozen=True)
+class LongitudinalFlight:
+    """The rigid short period with pitch angle and airspeed as states: gravity bends the path and
+    changes the speed.
+
+    theta_dot = q, V_dot = thrust - g sin(theta - alpha), alpha_dot += (g/V) (cos(theta - alpha) -
+    1); all are perturbations about level trim. The lift that carries the weight also increases with
+    V^2: CL += ``trim_lift`` (1 - (V0/V)^2). Updraft and thrust are inputs that no record has. ax is
+    the specific force along the body axis; body and wind axes differ by ``trim_alpha`` + alpha.
+    With ``gravity`` and ``trim_lift`` zero, alpha, q and nz are those of `ShortPeriod` bit for bit.
+    """
+
+    name: str = "rigid"
+    states: tuple[Signal, ...] = (
+        *BASE.states,
+        Signal("theta", "rad", "pitch angle above trim"),
+        Signal("speed", "m/s", "airspeed above the start"),
+    )
+    inputs: tuple[Signal, ...] = (
+        *BASE.inputs,
+        Signal("updraft", "m/s", "gust, up"),
+        Signal("thrust", "m/s2", "thrust above drag over mass"),
+    )
+    outputs: tuple[Signal, ...] = (
+        *BASE.outputs,
+        Signal("theta", "rad", "pitch angle"),
+        Signal("airspeed", "m/s", "airspeed"),
+        Signal("dynamic_pressure", "Pa", "dynamic pressure"),
+        Signal("ax", "m/s2", "specific force along the body, forward"),
+    )
+    no_controls: tuple[str, ...] = ("updraft", "thrust")
+    ports: tuple[Signal, ...] = BASE.ports
+    parameter_names: tuple[str, ...] = (*BASE.parameter_names, "gravity", "trim_lift", "trim_alpha")
+
+    def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
+        moved = {
+            "airspeed_change": s.airspeed_change + s.speed,
+            "gust": s.gust + s.updraft / p.airspeed,
+        }
+        found = BASE.flow(SimpleNamespace(**{**vars(s), **moved}), p)
+        return {
+            **found,
+            **moved,
+            "lift": s.lift + p.trim_lift * (1.0 - (p.airspeed / found["V"]) ** 2),
+        }
+
+    def derivatives(self, s: Any, p: Any) -> Sequence[Any]:
+        alpha_rate, pitch_rate = BASE.derivatives(s, p)
+        climb = s.theta - s.alpha
+        return (
+            alpha_rate + p.gravity / s.V * (cos(climb) - 1.0),
+            pitch_rate,
+            s.q,
+            s.thrust - p.gravity * _sine(climb),
+        )
+
+    def measurements(self, s: Any, p: Any) -> Sequence[Any]:
+        alpha_rate, _, _, acceleration = self.derivatives(s, p)
+        angle, pitch = p.trim_alpha + s.alpha, p.trim_alpha + s.theta
+        along = (
+            acceleration * cos(angle)
+            + s.V * (s.q - alpha_rate) * _sine(angle)
+            + p.gravity * _sine(pitch)
+        )
+        return *BASE.measurements(s, p), pitch, s.V, 0.5 * p.air_density * s.V * s.V, along
+
+
+def _sine(angle: Any) -> Any:
+    return cos(angle - 0.5 * math.pi)
+
+
+# ---- What a surrogate flight's seed decides
 
 ELEVATOR, SPEED = "elevator", "speed-variation"
 # that guard's equations are those of the downwash
@@ -72,16 +149,16 @@ class Drawn:
 
     @property
     def axis(self) -> Axis:
-        """What the axis of the flight stands for."""
+        """The axis of the flight."""
         return AXES[self.surrogate.flight.axis]
 
     def moves(self, name: str) -> tuple[Table, ...]:
-        """The maneuvers of one input, one a record."""
+        """Return the maneuvers of one input, one for each record."""
         return self.maneuvers if name == self.axis.inputs[0] else self.others[name]
 
 
 def draw(surrogate: Surrogate, rng: np.random.Generator) -> Drawn:
-    """A flight without what dominates; the same generator state gives the same flight."""
+    """Draw a flight without dominant effects; the same generator state gives the same flight."""
     flight = surrogate.flight
     name = str(rng.choice(flight.vehicles))
     declared = drawn_vehicle(name, flight.variation, rng)
@@ -115,8 +192,8 @@ def draw(surrogate: Surrogate, rng: np.random.Generator) -> Drawn:
 
 
 def drawn_vehicle(name: str, variation: float, rng: np.random.Generator) -> Model:
-    """A named aircraft whose every number is off by up to ``variation``, drawn evenly: constants by
-    half of it, but not the flight condition.
+    """Draw a named aircraft whose derivatives differ by up to ``variation``, drawn uniformly.
+    Constants differ by half of it, the flight condition does not.
     """
     if name in AIRCRAFT:
         constants, derivatives = AIRCRAFT[name], USUAL
@@ -142,13 +219,15 @@ def drawn_vehicle(name: str, variation: float, rng: np.random.Generator) -> Mode
 
 
 def short_period(declared: Model) -> float:
-    """Frequency of the short period, rad/s: the root of the product of its roots."""
+    """Return the frequency of the short period, rad/s: the square root of the product of its
+    roots.
+    """
     return math.sqrt(max(0.05, float(np.linalg.det(linearise(declared).A))))
 
 
 def complete(declared: Model, causes: Causes) -> Model:
-    """The short period with speed, pitch angle and the further channels, at the levels of gravity
-    and trim lift.
+    """Return the short period with speed, pitch angle and the further channels, at the levels of
+    gravity and trim lift.
     """
     v = {item.name: item.value for item in declared.parameters}
     trim_lift = (
@@ -175,7 +254,7 @@ def complete(declared: Model, causes: Causes) -> Model:
 
 
 def with_term(model: Model, effect: Effect, values: Mapping[str, float]) -> Model:
-    """The model with one more term at these local values."""
+    """Return the model with one more term at these local values."""
     return model.with_effects(effect).with_values(
         {full_name(effect, local): value for local, value in values.items()}
     )
@@ -188,8 +267,10 @@ def _with_causes(
     corners: Mapping[str, float],
     rng: np.random.Generator,
 ) -> Model:
-    """Small causes that stay for the flight; draws are made for those that are off, too, so that
-    levels do not move each other's draws.
+    """Return the flight with the small causes that are the same in all records.
+
+    Random numbers are drawn for causes that are off, too, so that levels do not influence each
+    other's draws.
     """
     v = {item.name: item.value for item in declared.parameters}
     model = complete(declared, causes)
@@ -243,7 +324,7 @@ def _corners(
 
 
 def dealt(kinds: tuple[str, ...], count: int, rng: np.random.Generator) -> tuple[str, ...]:
-    """So many kinds in random order, none twice before all were there."""
+    """Assign kinds in random order; none occurs twice before all have occurred."""
     dealt: list[str] = []
     while len(dealt) < count:
         dealt += [str(kind) for kind in rng.permutation(list(kinds))]
@@ -251,10 +332,10 @@ def dealt(kinds: tuple[str, ...], count: int, rng: np.random.Generator) -> tuple
 
 
 def _with_one(kinds: tuple[str, ...], kind: str, place: int) -> tuple[str, ...]:
-    """The same kinds but for one."""
+    """Return the kinds with one replaced."""
     return (*kinds[:place], kind, *kinds[place + 1 :])
 
 
 def hiding(drawn: Drawn, hidden: tuple[Dominant, ...]) -> Drawn:
-    """The same flight with these effects."""
+    """Return the same flight with these hidden effects."""
     return replace(drawn, hidden=hidden)

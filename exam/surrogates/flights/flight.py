@@ -1,4 +1,4 @@
-"""From a surrogate flight and a seed to a flight: drawn, with what dominates, flown."""
+"""From a surrogate flight and a seed to a flight: drawn, with its dominant effects, and flown."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from exam.surrogates.flights.lateral.drawing import draw_lateral
 from sim.errors import DeclarationError
 from sim.record import Record
 
-AIRCRAFT_TRIED = 5  # of the declared sizes one in thirty aircraft shows none
+AIRCRAFT_TRIED = 5  # on one of thirty aircraft no declared size makes a difference
 
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """A flown surrogate flight: ``drawn`` is the truth of the whole flight, ``flown`` that of each
-    record with the record itself.
+    """A flown surrogate flight: ``drawn`` is the truth of the whole flight, and ``flown`` has each
+    record with its own truth.
     """
 
     drawn: Drawn
@@ -47,8 +47,8 @@ def fly_surrogate(surrogate: Surrogate, seed: int) -> Flight:
 def _with_dominant(
     surrogate: Surrogate, plan: np.random.Generator, dominant: np.random.Generator
 ) -> Drawn:
-    """A flight with what dominates; an aircraft on which no declared size makes a difference is
-    drawn anew.
+    """Return a flight with its dominant effects. An aircraft on which no declared size makes a
+    difference is drawn again.
     """
     drawn = draw_lateral if surrogate.flight.axis == LATERAL else draw
     for _ in range(AIRCRAFT_TRIED - 1 if surrogate.hidden.sizes else 0):
@@ -60,7 +60,7 @@ def _with_dominant(
 
 
 def vehicle_text(drawn: Drawn) -> str:
-    """The vehicle file that the loop is given: true nominal constants, derivatives that are off."""
+    """Return the vehicle file for the loop: true nominal constants, and wrong derivatives."""
     lines = [
         f'name = "{drawn.vehicle}"',
         *(f"{name} = {drawn.declared.parameters[name].value!r}" for name in drawn.axis.constants),
@@ -78,8 +78,8 @@ def vehicle_text(drawn: Drawn) -> str:
 
 
 def write_flight(flight: Flight, folder: Path) -> tuple[list[Path], Path]:
-    """``record_1.csv`` and on with their sidecars, and ``vehicle.toml``: all that the loop is told;
-    the paths of records and vehicle file.
+    """Write ``record_1.csv`` and so on with their sidecars, and ``vehicle.toml``, for the loop;
+    return the paths of records and vehicle file.
     """
     from scenarios.files.writing import write_record
 

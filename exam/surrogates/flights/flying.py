@@ -1,5 +1,5 @@
-"""From a drawn flight to its records: what differs from record to record, and what only the truth
-keeps.
+"""From a drawn flight to its records, with differences between records, and values that only the
+truth has.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from sim.truth.flight import fly, sample_times
 from sim.truth.measurement import Measurement, dryden_gust, white_noise
 
 SCATTERED = ("mass", "pitch_inertia", "airspeed", "air_density", "trim_alpha")
-TOGETHER = 250  # records flown at once: more of them do not pay, and want memory
+TOGETHER = 250  # records flown at once; more need memory without saving time
 
 
 @dataclass(frozen=True, eq=False)
 class FlownRecord:
-    """A record, and what was true of it alone: mass, inertia, airspeed, density, trim, thrust above
-    drag (m/s2) at the start.
+    """A record, and its own true values: mass, inertia, airspeed, density, trim, thrust above drag
+    (m/s2) at the start.
     """
 
     record: Record
@@ -47,10 +47,10 @@ def fly_drawn(
     step: float | None = None,
     count: int | None = None,
 ) -> tuple[FlownRecord, ...]:
-    """All records of a flight, or the first ``count``, each from a generator of its own.
+    """Fly all records of a flight, or the first ``count``, each with a generator of its own.
 
-    ``noise`` False leaves out the sensors' noise (the elevator's stays: it is one of the small
-    causes); ``step`` in s, else the declared one.
+    Without ``noise`` the sensors have no noise; that of the recorded elevator remains, because it
+    is one of the small causes. ``step`` is the integration step in s, else the declared one.
     """
     own = rng.spawn(len(drawn.maneuvers))[:count]
     if drawn.surrogate.flight.axis == LATERAL:
@@ -67,10 +67,10 @@ def fly_drawn(
 
 @dataclass(frozen=True, eq=False)
 class _Conditions:
-    """What chance decides of one record before it flies.
+    """Random conditions of one record.
 
-    ``terms`` : what dominates on it, thrust apart. ``zero`` : of the elevator's record, rad.
-    ``noise`` : of it, ``(N,)`` rad.
+    ``terms`` are the dominant effects that act on it, without thrust. ``zero`` is that of the
+    recorded elevator, rad, and ``noise`` its noise, ``(N,)`` rad.
     """
 
     number: int
@@ -141,11 +141,10 @@ def fly_draws(
     step: float | None = None,
     count: int | None = None,
 ) -> list[list[Record]]:
-    """Records of many flights of the same plan, flown together, without the sensors' noise: as
-    ``fly_drawn`` does one by one, to rounding.
+    """Fly records of many flights of the same plan together, without the sensors' noise.
 
-    ``generators`` : one a flight. ``channels`` : the outputs wanted, of those that the plan
-    records.
+    They agree with those of ``fly_drawn`` to rounding. ``generators`` has one for each flight, and
+    ``channels`` the wanted outputs among the recorded ones.
     """
     chosen, dt = (
         tuple(name for name in drawn.channels if name in channels),
@@ -226,7 +225,7 @@ def _one_by_one(
     step: float,
     channels: tuple[str, ...],
 ) -> dict[str, np.ndarray]:
-    """The same for a model with random forcing, which each flight draws from its own generator."""
+    """Fly the flights one by one, for a model with random forcing."""
     columns = []
     for column, seed in enumerate(seeds):
         own = model.with_values({key: float(row[column]) for key, row in values.items()})
@@ -249,7 +248,7 @@ def _one_by_one(
 def _conditions(
     drawn: Drawn, number: int, rng: np.random.Generator, samples: int
 ) -> tuple[_Conditions, np.random.Generator]:
-    """What one record's generator decides, and the generator of its sensors."""
+    """Draw the conditions of one record, and the generator of its sensors."""
     flight, causes = drawn.surrogate.flight, drawn.surrogate.causes
     scatter, path_seed, sensor_seed = rng.spawn(3)
     acting = [dominant for dominant in drawn.hidden if number in dominant.records]
@@ -280,7 +279,7 @@ def _with_terms(drawn: Drawn, terms: Sequence[Dominant]) -> Model:
 
 
 def _levels(drawn: Drawn, found: _Conditions) -> dict[str, float]:
-    """Trim values that the recorder shows."""
+    """Return the trim values that the recorder shows."""
     return (
         {"alpha": found.constants["trim_alpha"], "nz": 1.0} if drawn.surrogate.flight.total else {}
     )
@@ -289,7 +288,7 @@ def _levels(drawn: Drawn, found: _Conditions) -> dict[str, float]:
 def _scattered(
     model: Model, drawn: Drawn, rng: np.random.Generator
 ) -> tuple[dict[str, float], float]:
-    """Constants of one record, and where its elevator's trim lies, rad."""
+    """Draw the constants of one record, and the trim of its elevator, rad."""
     causes, p = drawn.surrogate.causes, model.parameters
     shares = {
         "mass": causes.mass_scatter,

@@ -1,18 +1,21 @@
-"""What can be hidden in the longitudinal surrogate flights: each effect's local values by size, the
-largest that is drawn at one.
+"""What a longitudinal surrogate flight can hide: local values of each effect by its size, and the
+effects whose size may be declared in their own unit.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from exam.surrogates.flights.drawing import SPEED, Drawn, short_period
 from sim.maths import shape_names
 
-# Local values at a size of one, the largest that is drawn; the effect vanishes as the size does.
+# ---- What can be hidden in the longitudinal surrogate flights
+
+# Local values at a size of one, the largest that is drawn. At a size of zero the effect vanishes.
 Direction = Mapping[str, float]
 AtSize = Callable[[float], Direction]
 Kind = Callable[[Drawn, np.random.Generator], AtSize]
@@ -39,7 +42,7 @@ def only(local: str, most: Callable[[Drawn], float], absent: float = 0.0) -> Kin
 
 
 def _limit(local: str, largest: Callable[[Drawn], float]) -> Kind:
-    """A limit that comes down from the largest value that the maneuvers reach."""
+    """A limit that decreases from the largest value that the maneuvers reach."""
     return lambda drawn, rng: lambda size: {local: largest(drawn) * (1.0 - 0.85 * size)}
 
 
@@ -164,3 +167,44 @@ KINDS: Mapping[str, Kind] = {
     "sensor-drift:q": drift(0.08),
     "sensor-drift:nz": drift(0.6),
 }
+
+
+# ---- Effects whose size a surrogate flight may declare in the effect's own unit, instead of by
+
+
+@dataclass(frozen=True)
+class Size:
+    """The meaning of a declared size: ``local`` parameter of the effect, ``unit``, and largest
+    allowed size ``most``.
+
+    ``either`` : whether the sign is drawn. ``speed_share`` : whether the size is the share of the
+    airspeed that is lost over a record, while the parameter is in m/s2.
+    """
+
+    local: str
+    unit: str
+    most: float
+    either: bool = False
+    speed_share: bool = False
+
+
+SIZES: Mapping[str, Size] = {
+    "gust-turbulence": Size("sigma", "m/s", 8.0),
+    "vane-offset": Size("arm", "m", 40.0),
+    "accelerometer-offset:nz": Size("arm", "m", 40.0, either=True),
+    SPEED: Size("rate", "1", 0.5, speed_share=True),
+}
+
+
+def values_at(drawn: Drawn, name: str, size: float, sign: float = 1.0) -> dict[str, float]:
+    """Return the local values of an effect of this ``size``; ``sign`` is used if the size may have
+    either sign.
+    """
+    what = SIZES[name]
+    if what.speed_share:
+        return {
+            what.local: -size
+            * drawn.declared.parameters["airspeed"].value
+            / drawn.surrogate.flight.duration
+        }
+    return {what.local: sign * size if what.either else size}

@@ -1,4 +1,4 @@
-"""The pilot who holds the height while the airspeed changes: the slow elevator that keeps lift and
+"""A pilot who holds the height while the airspeed changes, by a slow elevator that keeps lift and
 weight equal.
 """
 
@@ -11,8 +11,8 @@ from exam.surrogates.flights.maneuvers import Table
 
 
 def steered(drawn: Drawn, number: int) -> Table:
-    """Elevator of one record, rad: its maneuver, and where the flight is ``level`` what a hidden
-    change of speed asks for beside it.
+    """Return the elevator of one record, rad: its maneuver and, for a ``level`` flight, the
+    correction for a hidden change of speed.
     """
     maneuver, speed = drawn.maneuvers[number], speed_rate(drawn, number)
     if not (drawn.surrogate.flight.level and speed):
@@ -24,7 +24,9 @@ def steered(drawn: Drawn, number: int) -> Table:
 
 
 def speed_rate(drawn: Drawn, number: int) -> float:
-    """Thrust above drag over the mass that a hidden change of speed means on this record, m/s2."""
+    """Return the thrust above drag over the mass, m/s2, of a hidden change of speed on this
+    record.
+    """
     return sum(
         dominant.values["rate"]
         for dominant in drawn.hidden
@@ -33,11 +35,11 @@ def speed_rate(drawn: Drawn, number: int) -> float:
 
 
 def level_elevator(drawn: Drawn, change: np.ndarray) -> np.ndarray:
-    """Elevator (rad) at which lift is weight and the moment zero, at the declared airspeed plus
-    ``change`` (m/s).
+    """Return the elevator (rad) at which lift is weight and the moment is zero, at the declared
+    airspeed plus ``change`` (m/s).
 
     Steady flight: Cm_alpha alpha + Cm_de de = 0 and CL_alpha alpha + CL_de de = CL_0 ((V0/V)^2 -
-    1), CL_0 the trim lift that grows with the speed.
+    1), where CL_0 is the trim lift that depends on the speed.
     """
     p = {item.name: item.value for item in drawn.model.parameters}
     wanted = p["trim_lift"] * ((p["airspeed"] / (p["airspeed"] + change)) ** 2 - 1.0)

@@ -1,5 +1,5 @@
-"""The elevator of a measured-like record: usual maneuvers and hand-flown ones, rounded by the
-surface's servo.
+"""The elevator of a surrogate flight: usual and hand-flown maneuvers, rounded by the servo of the
+surface.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from sim.maneuvers import (
 )
 from sim.record import Hold
 
-CELL = 0.005  # s, of the table
+CELL = 0.005  # s, spacing of the table
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A maneuver that runs straight between the values ``(n,)`` at even times from ``start`` (s)
-    on, constant beyond.
+    """A maneuver that is linear between the values ``(n,)`` at even times from ``start`` (s) on,
+    and constant outside.
     """
 
     values: np.ndarray
@@ -50,9 +50,7 @@ class Table:
         return self(t)
 
     def mean(self, begin: Any, end: Any) -> np.ndarray:
-        """Exact mean: of a straight piece its middle; the integral up to each time from the
-        trapezoids before it.
-        """
+        """Return the exact mean over each interval."""
         begin, end = np.broadcast_arrays(
             np.asarray(begin, dtype=float), np.asarray(end, dtype=float)
         )
@@ -84,10 +82,10 @@ def maneuver(
     duration: float,
     surface: float,
 ) -> Table:
-    """A maneuver as the surface carries it out.
+    """Return a maneuver as the surface moves.
 
-    ``amplitude`` in rad; ``unit`` the step of a 3-2-1-1 that suits the short period, s; ``surface``
-    the servo's frequency, rad/s.
+    ``amplitude`` is in rad; ``unit`` is the step of a 3-2-1-1 that suits the short period, s;
+    ``surface`` is the servo's frequency, rad/s.
 
     Raises
     ------
@@ -103,7 +101,7 @@ def maneuver(
 
 
 def carried_out(commanded: Maneuver, surface: float, duration: float) -> Table:
-    """What a well damped servo of frequency ``surface`` makes of a command: two equal lags."""
+    """Return a command behind a well-damped servo of frequency ``surface``: two equal lags."""
     from sim.maths import linear_recurrence
 
     edges = CELL * np.arange(math.ceil(duration / CELL) + 2)
@@ -156,7 +154,9 @@ def _multisine(
 def _hand_flown(
     rng: np.random.Generator, amplitude: float, unit: float, duration: float
 ) -> Maneuver:
-    """A pilot's idea of a 3-2-1-1, then taps: uneven times and levels, never quite back to zero."""
+    """A 3-2-1-1 as a pilot flies it, then taps: uneven times and levels, which do not return to
+    zero exactly.
+    """
     parts: list[Maneuver] = []
     start = rng.uniform(1.0, 2.0)
     sign = _sign(rng)
@@ -183,15 +183,15 @@ def _two(rng: np.random.Generator, amplitude: float, unit: float, duration: floa
 
 
 def _step(rng: np.random.Generator, amplitude: float, unit: float, duration: float) -> Maneuver:
-    """One level held for 60 to 80 per cent of the record, and back."""
+    """One level for 60 to 80 per cent of the record, and back."""
     return alternating(
         _sign(rng) * amplitude, [duration * rng.uniform(0.6, 0.8)], rng.uniform(1.0, 2.0)
     )
 
 
 def _held(rng: np.random.Generator, amplitude: float, unit: float, duration: float) -> Maneuver:
-    """A third of the level, held for 30 to 40 per cent of the record, and back: held for longer, or
-    further, it ends in a loop.
+    """A third of the level for 30 to 40 per cent of the record, and back. If held longer or
+    further, it would end in a loop.
     """
     return alternating(
         _sign(rng) * amplitude / 3.0, [duration * rng.uniform(0.3, 0.4)], rng.uniform(1.0, 2.0)

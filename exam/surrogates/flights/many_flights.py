@@ -1,5 +1,5 @@
-"""Many flights of one model at once: the truth generator for campaigns whose flights differ in
-numbers, inputs and nothing else.
+"""Many flights of one model at once: the truth generator of campaigns whose flights differ in
+numbers and inputs only.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def _drive(
     maneuvers: Mapping[str, Sequence[Maneuver]],
     grid: Grid,
 ) -> Drive:
-    """Each input by itself, each of its maneuvers once."""
+    """Compute each input alone, and each maneuver once."""
     acted = {effect.signal for effect in model.effects if isinstance(effect, InputEffect)}
     untouched = replace(system, input_path=lambda p, u, edges: list(u))
     drives = []
@@ -102,14 +102,14 @@ def _drive(
 
 
 def _wide(rows: Sequence[np.ndarray], take: np.ndarray) -> np.ndarray:
-    """One column a flight; a maneuver that all fly stays a row."""
+    """Return one column for each flight; a maneuver that all flights have stays one row."""
     return np.asarray(rows[0], dtype=float) if len(rows) == 1 else np.stack(rows, axis=1)[:, take]
 
 
 def _through_sensors(
     system: System, p: Sequence[Any], states: Sequence[np.ndarray], drive: Drive, grid: Grid
 ) -> list[np.ndarray]:
-    """Sensors with memory, flight by flight: not all of them broadcast."""
+    """Apply sensors with memory flight by flight, since not all of them broadcast."""
     flights = np.shape(states[0])[1:]
     rows = [np.empty((len(grid.sample), *flights)) for _ in system.outputs]
     for index in np.ndindex(flights):

@@ -1,4 +1,4 @@
-"""How the recorder shows an input: behind its own filter, as every other channel."""
+"""The filter of the recorder on an input."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class _Corner:
 
 
 def recorded(drawn: Drawn, name: str, time: np.ndarray, step: float, maneuver: Table) -> np.ndarray:
-    """An input as its own filtered channel shows it at ``time (N,)``, s, without zero and noise;
-    ``step`` of the filter's grid, s.
+    """Return an input at ``time (N,)``, s, behind its filter, without zero and noise; ``step`` is
+    that of the filter's grid, s.
     """
     if not drawn.corners:
         return maneuver(time)

@@ -5,43 +5,123 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
-from sim.effects.loads import PLAUSIBLE, calm_air, gust_parameters, gust_probes, gust_speed
+from sim.effects.instances import WithoutStates
+from sim.maths import clip, cos, once_for_alike
+
+# ---- A single gust of one-minus-cosine shape
+
+SHAPES = ("shape1", "shape2", "shape3")  # further parameters of the refined form
+PLAUSIBLE: Mapping[str, tuple[float, float]] = MappingProxyType(
+    {"peak": (-20.0, 20.0), "duration": (0.1, 20.0)}
+)
+DURATIONS = (0.25, 0.5, 1.0, 2.0, 4.0)  # s, trial values
 
 
 @dataclass(frozen=True)
-class GustDiscrete:
-    """A single vertical gust: w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)).
+class SingleGust(WithoutStates):
+    """A gust of the speed w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)).
 
-    ``peak`` is in m/s, positive upward; ``start`` and ``duration`` are in s. Outside the gust w =
-    0. w/V adds to the angle of attack in the loads and in the vane's reading, and not to the state;
-    V is the declared airspeed. On lateral equations the gust comes from the right, and adds to
-    sideslip.
+    Outside the gust w = 0. ``peak`` is in m/s; ``start`` and ``duration`` are in s. The refined
+    form adds the sum of ``shape1`` ... ``shape3`` (m/s) times sin(k pi x), where x runs from 0 to 1
+    over the gust or its rise, minus the values of the shapes at the peak. It describes gusts that
+    begin with a kink, rise faster than they fall, or are flat on top.
 
     Attributes
     ----------
     lasting : whether w keeps its peak after the first half (MIL-F-8785C, 3.7.1.3; the length of
         that gust is V duration/2).
-    fine : add the sum of ``shape1`` ... ``shape3`` (m/s) times sin(k pi x), where x runs from 0 to
-        1 over the gust or its rise, minus their contribution at the peak: for gusts that begin with
-        a kink, rise faster than they fall, or are flat on top.
-    speed : name of the constant that is the declared airspeed.
+    fine : whether this is the refined form.
     """
 
     lasting: bool = False
     fine: bool = False
+
+    station: ClassVar[Station] = Station.DISTURBANCE
+    regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (
+            Parameter("peak", 3.0, "m/s", bounds=(-50.0, 50.0)),
+            Parameter("start", 2.0, "s"),
+            Parameter("duration", 1.0, "s", bounds=(0.05, 60.0)),
+            *(Parameter(name, 0.3, "m/s", bounds=(-50.0, 50.0)) for name in self._shapes),
+        )
+
+    @property
+    def absent(self) -> Mapping[str, float]:
+        return MappingProxyType(dict.fromkeys(("peak", *self._shapes), 0.0))
+
+    @property
+    def _shapes(self) -> tuple[str, ...]:
+        return SHAPES if self.fine else ()
+
+    def speed_at(self, time: Any, p: Any) -> Any:
+        """Return w at the ``time`` (s), m/s."""
+        end = 0.5 if self.lasting else 1.0
+
+        def passed(start: Any, duration: Any) -> Any:
+            return clip((time - start) / duration, 0.0, end)
+
+        def course(start: Any, duration: Any) -> Any:
+            return 0.5 * (1.0 - cos(2.0 * math.pi * passed(start, duration)))
+
+        def shape(k: int, start: Any, duration: Any) -> Any:
+            # The value in the middle of the gust is subtracted, so that ``peak`` is w there.
+            middle = 0.0 if self.lasting else (0.0, 1.0, 0.0, -1.0)[k]
+            swing = cos(math.pi * (k * passed(start, duration) / end - 0.5))
+            return swing - middle * course(start, duration) if middle else swing
+
+        gust = p.peak * once_for_alike(course, p.start, p.duration)
+        for k, name in enumerate(self._shapes, start=1):
+            gust = gust + getattr(p, name) * once_for_alike(partial(shape, k), p.start, p.duration)
+        return gust
+
+    def finer(self) -> Self:
+        """Return the refined form, with three more shapes."""
+        return replace(self, fine=True)
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """Probe the peak of a gust at the begin of the record, for some durations.
+
+        A later start only shifts the response.
+        """
+        return tuple(
+            Probe(
+                {**self.absent, "start": context.begin, "duration": duration},
+                ("peak",),
+                shifts=True,
+            )
+            for duration in DURATIONS
+            if 4.0 * context.interval <= duration <= 0.5 * context.duration
+        )
+
+
+@dataclass(frozen=True)
+class GustDiscrete(SingleGust):
+    """A single vertical gust: w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)).
+
+    ``peak`` is in m/s, positive upward. w/V adds to the angle of attack in the loads and in the
+    vane's reading, but not to the state; V is the declared airspeed. On lateral equations the gust
+    comes from the right and w/V adds to the sideslip angle.
+
+    Attributes
+    ----------
+    lasting, fine : see `SingleGust`.
+    speed : name of the constant that is the declared airspeed.
+    """
+
     speed: str = "airspeed"
 
     name: ClassVar[str] = "gust-discrete"
-    station: ClassVar[Station] = Station.DISTURBANCE
     needs: ClassVar[tuple[str, ...]] = ("gust",)
-    regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ()
-    states: ClassVar[tuple[Signal, ...]] = ()
     traits: ClassVar[Traits] = Traits(
         sentences=("a single gust of {peak} comes at {start} and lasts {duration}",),
         plausible=dict(PLAUSIBLE),
@@ -50,74 +130,41 @@ class GustDiscrete:
         per_record=True,
     )
     explanation: ClassVar[str] = (
-        "Rising air meets the aircraft once: w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)) "
-        "between start and start + duration, the usual design gust. The air then comes from below "
-        "by w/V more than the motion tells, in CL, in Cm and in the vane's reading, while the "
-        "angle of attack as a state only follows. The vane jumps ahead of the pitch rate, which no "
-        "control input can do. The length of the gust in the air is V times its duration. A second "
-        "form keeps the peak after half the duration: the aircraft has flown into air that rises "
-        "for good. Either has a freer form, with three shapes more: gusts that begin with a kink, "
-        "rise faster than they fall, or are flat on top. On the lateral model the air comes from "
-        "the right: sideslip, side force, roll and yaw stand where angle of attack, lift and pitch "
-        "do here."
+        "A single vertical gust: the vertical speed of the air is w(t) = (peak/2) (1 - cos(2 pi (t "
+        "- start)/duration)) from start to start + duration, the usual design gust. The gust adds "
+        "w/V to the angle of attack in CL, in Cm and in the reading of the vane. The angle of "
+        "attack as a state changes only later, as the aircraft responds. The vane therefore moves "
+        "before the pitch rate, which no control input can cause. The length of the gust in the "
+        "air is V times its duration. A second form keeps the peak after half the duration: the "
+        "aircraft has entered air that keeps rising. A refined form of both has three more shapes, "
+        "for gusts that begin with a kink, rise faster than they fall, or are flat on top. On the "
+        "lateral model the gust comes from the right and acts through the sideslip angle on side "
+        "force, roll and yaw."
     )
 
     @property
     def needs_constants(self) -> tuple[str, ...]:
         return (self.speed,)
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return gust_parameters(self.fine)
-
-    @property
-    def absent(self) -> Mapping[str, float]:
-        return calm_air(self.fine)
-
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
-        return {
-            "gust": gust_speed(s.time, p, self.lasting, self.fine) / getattr(vehicle, self.speed)
-        }
-
-    def finer(self) -> GustDiscrete:
-        """Return the refined form, with a more general course."""
-        return replace(self, fine=True)
-
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return gust_probes(context, self.fine)
-
-
-DISCRETE_VARIANTS: tuple[Traceable, ...] = tuple(
-    GustDiscrete(lasting, speed=speed)
-    for speed in ("airspeed", "reference_airspeed")
-    for lasting in (False, True)
-)
+        return {"gust": self.speed_at(s.time, p) / getattr(vehicle, self.speed)}
 
 
 @dataclass(frozen=True)
-class GustHorizontal:
+class GustHorizontal(SingleGust):
     """A single gust from ahead: w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)).
 
-    ``peak`` is in m/s, positive from ahead; ``start`` and ``duration`` are in s. w adds to the
-    airspeed in the loads and in the reading of the pitot tube, and not to the state.
+    ``peak`` is in m/s, positive from ahead. w adds to the airspeed in the loads and in the reading
+    of the pitot tube, but not to the state.
 
     Attributes
     ----------
-    lasting, fine : as of `GustDiscrete`.
+    lasting, fine : see `SingleGust`.
     """
 
-    lasting: bool = False
-    fine: bool = False
-
     name: ClassVar[str] = "gust-horizontal"
-    station: ClassVar[Station] = Station.DISTURBANCE
     needs: ClassVar[tuple[str, ...]] = ("headwind",)
-    regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ("unmeasured-input",)
-    states: ClassVar[tuple[Signal, ...]] = ()
     traits: ClassVar[Traits] = Traits(
         sentences=("a single gust of {peak} from ahead comes at {start} and lasts {duration}",),
         plausible=dict(PLAUSIBLE),
@@ -126,36 +173,20 @@ class GustHorizontal:
         per_record=True,
     )
     explanation: ClassVar[str] = (
-        "The wind from ahead freshens once: w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)) "
-        "between start and start + duration. The air then meets the aircraft faster by w than it "
-        "moves: the pitot tube shows V + w at once, lift and drag grow with (V + w)^2, and the "
-        "aircraft itself gains and loses speed only slowly. An airspeed that jumps without any "
-        "axial load factor before it, and a load factor that follows it, are its mark. A second "
-        "form keeps the peak after half the duration: the wind has changed for good, as in a "
-        "shear. Either has a freer form with three shapes more."
+        "The headwind increases once. The wind speed is w(t) = (peak/2) (1 - cos(2 pi (t - "
+        "start)/duration)) from start to start + duration. The pitot tube reads V + w at once, and "
+        "lift and drag are proportional to (V + w)^2. The speed of the aircraft itself changes "
+        "only slowly. The gust is recognised by an airspeed that jumps without a preceding axial "
+        "load factor, and a load factor that follows. A second form keeps the peak after half the "
+        "duration: the wind stays changed, as in a wind shear. A refined form of both has three "
+        "more shapes."
     )
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return gust_parameters(self.fine)
-
-    @property
-    def absent(self) -> Mapping[str, float]:
-        return calm_air(self.fine)
-
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
-        return {"headwind": gust_speed(s.time, p, self.lasting, self.fine)}
+        return {"headwind": self.speed_at(s.time, p)}
 
-    def finer(self) -> GustHorizontal:
-        """Return the refined form, with a more general course."""
-        return replace(self, fine=True)
 
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return gust_probes(context, self.fine)
-
+# ---- Continuous turbulence
 
 ROOT3 = math.sqrt(3.0)
 
@@ -165,13 +196,15 @@ class GustTurbulence:
     """Vertical turbulence of Dryden's form (MIL-F-8785C, 3.7.1.2), with the standard deviation
     ``sigma`` (m/s) and the scale length ``length`` (m).
 
-    One-sided spectrum over the spatial frequency W: sigma^2 (L/pi) (1 + 3 (L W)^2) / (1 + (L
-    W)^2)^2, whose integral is sigma^2. White noise of unit density through sigma sqrt(T) (1 +
-    sqrt(3) T s) / (1 + T s)^2, T = length/V, with two states in m/s: gust_1_dot = -gust_1/T + noise
-    of density sigma^2/T, gust_2_dot = (gust_1 - gust_2)/T, w = sqrt(3) gust_1 + (1 - sqrt(3))
-    gust_2. w/V adds to alpha in the loads and the vane's reading; V is the declared airspeed.
-    Without noise the states stay at zero and a simulation is that of calm air. On lateral equations
-    the gusts come from the right.
+    The one-sided spectrum over the spatial frequency W is sigma^2 (L/pi) (1 + 3 (L W)^2) / (1 + (L
+    W)^2)^2, with the integral sigma^2. The gust speed w is white noise of unit density through the
+    filter sigma sqrt(T) (1 + sqrt(3) T s) / (1 + T s)^2, T = length/V. The filter has two states in
+    m/s: gust_1_dot = -gust_1/T + noise of density sigma^2/T, gust_2_dot = (gust_1 - gust_2)/T, w =
+    sqrt(3) gust_1 + (1 - sqrt(3)) gust_2.
+
+    w/V adds to alpha in the loads and in the vane's reading; V is the declared airspeed. Without
+    noise the states stay at zero, and a simulation is that of calm air. On lateral equations the
+    gusts come from the right.
 
     Attributes
     ----------
@@ -202,16 +235,17 @@ class GustTurbulence:
         never_beside=("gust-discrete",),
     )
     explanation: ClassVar[str] = (
-        "The air is rough all along the record. Its vertical speed w is random, with standard "
-        "deviation sigma and a correlation length L that the aircraft crosses in L/V seconds; its "
-        "spectrum is Dryden's, S(W) = sigma^2 (L/pi) (1 + 3 (L W)^2)/(1 + (L W)^2)^2 over the "
-        "spatial frequency W. alpha as the loads and the vane feel it is alpha + w/V. No "
-        "simulation can follow such a record: one judges the model's predictions one step ahead, "
-        "whose errors stay correlated until the gust is estimated along with the motion. Left out, "
-        "it makes every derivative look better known than it is. A record tells sigma^2/L, the "
-        "level at high frequency; where it holds few lengths, sigma and L both come out low and "
-        "surer than they are. On the lateral model w comes from the right and sideslip takes the "
-        "place of alpha."
+        "Vertical turbulence. The vertical speed w of the air is random throughout the record, "
+        "with the standard deviation sigma and the scale length L, which the aircraft crosses in "
+        "L/V seconds. Its spectrum is that of Dryden, S(W) = sigma^2 (L/pi) (1 + 3 (L W)^2)/(1 + "
+        "(L W)^2)^2 over the spatial frequency W. w/V adds to alpha in the loads and in the "
+        "reading of the vane. A simulation from the recorded inputs cannot follow such a record. "
+        "The model is therefore assessed by its one-step predictions, whose errors stay correlated "
+        "until the gust is estimated together with the motion. If turbulence is neglected, the "
+        "sigmas of all derivatives are too small. A record determines sigma^2/L, the level at high "
+        "frequency. If it spans only a few scale lengths, the estimates of sigma and L are both "
+        "too low, and so are their sigmas. On the lateral model the gusts come from the right and "
+        "act through the sideslip angle."
     )
 
     @property
@@ -233,17 +267,18 @@ class GustTurbulence:
         return density, 0.0 * density
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe scale lengths of which a record contains several."""
-        far = max(50.0, context.airspeed * context.duration / 6.0)
-        return tuple(
-            Probe({"sigma": 1.0, "length": length})
-            for length in (100.0, 300.0, 900.0)
-            if length <= far
-        ) or (Probe({"sigma": 1.0, "length": far}),)
+        """Probe scale lengths of which the record spans several."""
+        longest = max(50.0, context.airspeed * context.duration / 6.0)
+        lengths = [length for length in (100.0, 300.0, 900.0) if length <= longest] or [longest]
+        return tuple(Probe({"sigma": 1.0, "length": length}) for length in lengths)
 
 
 VARIANTS: tuple[Traceable, ...] = (
-    *DISCRETE_VARIANTS,
+    *(
+        GustDiscrete(lasting, speed=speed)
+        for speed in ("airspeed", "reference_airspeed")
+        for lasting in (False, True)
+    ),
     GustHorizontal(),
     GustHorizontal(lasting=True),
     GustTurbulence(),

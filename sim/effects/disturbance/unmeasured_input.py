@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Parameter, Regularity, Signal, Station
+from sim.declaration.effect import (
+    Effect,
+    Parameter,
+    Regularity,
+    Signal,
+    Station,
+    constants_needed,
+    ports_needed,
+)
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
-from sim.effects.instances import labelled, load_ports
+from sim.effects.instances import WithoutStates, labelled, load_ports
 from sim.effects.loads import (
     LOADS,
     USUAL_SUB_STEP,
@@ -21,15 +28,16 @@ from sim.effects.loads import (
 )
 
 _USUAL_LOAD = {"1": 0.005, "1/s": 0.01, "rad/s": 0.01, "1/s2": 0.1, "rad/s2": 0.1}
-DURATIONS = (0.3, 0.7, 1.5, 3.0, 6.0)  # s, pulses that a search tries
+DURATIONS = (0.3, 0.7, 1.5, 3.0, 6.0)  # s, trial values of a pulse
 
 
 @dataclass(frozen=True)
-class UnmeasuredInput(SizedOnPorts):
+class UnmeasuredInput(SizedOnPorts, WithoutStates):
     """An unmeasured load: a pulse of lift and moment from ``start`` on for ``duration``, s.
 
-    ``lift`` and ``moment`` are coefficients on the rigid aircraft, and 1/s of alpha_dot and 1/s2 on
-    the low-order equivalent system. The edges last ``width`` s, centred on their times.
+    ``lift`` and ``moment`` are coefficients on the rigid aircraft. On the low-order equivalent
+    system they are changes of alpha_dot in 1/s and of q_dot in 1/s2. The edges last ``width`` s,
+    centred on their times.
 
     Attributes
     ----------
@@ -38,8 +46,8 @@ class UnmeasuredInput(SizedOnPorts):
     units, sizes : units and usual sizes of the loads, by port.
     needs_constants : constants that the equations must have.
     ports : load ports that the effect adds to; its size parameters have their names.
-    label : suffix of the effect's name, if it loads one of several ports.
-    sized : whether a large load of the port is known; otherwise any size is plausible.
+    label : suffix of the effect's name, if the effect is one of several with a port each.
+    sized : whether usual loads are known for the unit of the port; otherwise any size is plausible.
     """
 
     lasting: bool = False
@@ -54,27 +62,26 @@ class UnmeasuredInput(SizedOnPorts):
     station: ClassVar[Station] = Station.DISTURBANCE
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ("lost-rows",)
-    states: ClassVar[tuple[Signal, ...]] = ()
 
     @property
     def explanation(self) -> str:
-        loads = (
-            "CL += lift and Cm += moment"
+        loads, ratio = (
+            (
+                "CL += lift and Cm += moment",
+                "its lift and moment have the ratio of CL_alpha to Cm_alpha",
+            )
             if self.ports == LOADS
-            else f"Its coefficient of {self.ports[0].replace('_', ' ')} += {self.ports[0]}"
-        )
-        ratio = (
-            "its lift and moment stand in the ratio of CL_alpha to Cm_alpha"
-            if self.ports == LOADS
-            else "its loads stand in a known ratio"
+            else (
+                f"The coefficient of {self.ports[0].replace('_', ' ')} += {self.ports[0]}",
+                "its loads have a known ratio",
+            )
         )
         return (
-            "Something pushed the aircraft that no channel shows: a flap, a speed brake, another "
-            "surface, thrust that pitches, a store let go. "
-            f"{loads} between start and start + duration, or from start on for good. The motion "
-            "begins without any recorded input and follows the aircraft's own modes. A gust does "
-            "so too, but it acts through the angle of the air and moves the vane at once, so that "
-            f"{ratio}."
+            "A load acts that is not recorded. Causes are a flap, a speed brake, another surface, "
+            f"thrust with a pitching moment, or the release of a store. {loads} from start to "
+            "start + duration, or from start on without end. The motion begins without any "
+            "recorded input and follows the modes of the aircraft. A gust does this, too, but "
+            f"acts through the angle of the air and moves the vane at once, so that {ratio}."
         )
 
     @property
@@ -111,28 +118,22 @@ class UnmeasuredInput(SizedOnPorts):
             share = share - risen(s.time, p.start + p.duration, self.width)
         return {port: share * getattr(p, port) for port in self.ports}
 
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
-
     def fitted_to(self, context: SearchContext) -> UnmeasuredInput:
         """Return the effect with edges of one sub-step of the record."""
         return replace(self, width=edge_width(context.interval))
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe all loads at the begin of the record, for some durations; a later start only shifts
-        the response.
+        """Probe all loads at the begin of the record, for some durations.
+
+        A later start only shifts the response.
         """
         start = {"start": context.begin + self.width, **self.absent}
         if self.lasting:
             return (Probe(start, self.ports, shifts=True),)
-        durations = [
-            duration
-            for duration in DURATIONS
-            if 2.0 * context.interval <= duration <= 0.5 * context.duration
-        ]
         return tuple(
             Probe({**start, "duration": duration}, self.ports, shifts=True)
-            for duration in durations
+            for duration in DURATIONS
+            if 2.0 * context.interval <= duration <= 0.5 * context.duration
         )
 
 
@@ -147,23 +148,27 @@ VARIANTS: tuple[Traceable, ...] = (
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return a pulse and a step on each load port without one in ``VARIANTS``."""
-    ports, parameter_names = load_ports(equations), {*equations.parameter_names}
+    """Return a pulse and a step on each load port to which no effect of ``VARIANTS`` adds."""
+    ports = load_ports(equations)
     covered = {
         port
         for each in VARIANTS
-        if isinstance(each, UnmeasuredInput) and parameter_names.issuperset(each.needs_constants)
-        for port in each.ports
+        if {*equations.parameter_names}.issuperset(constants_needed(each))
+        for port in ports_needed(each)
     }
     candidates: list[Traceable] = []
     for port in ports:
         if port.name in covered and covered <= {each.name for each in ports}:
             continue
-        label, size = port.name if len(ports) > 1 else "", _USUAL_LOAD.get(port.unit, 1.0)
-        sized = port.unit in _USUAL_LOAD
         candidates += [
             UnmeasuredInput(
-                lasting, USUAL_SUB_STEP, (port.unit,), (size,), (), (port.name,), label, sized
+                lasting,
+                units=(port.unit,),
+                sizes=(_USUAL_LOAD.get(port.unit, 1.0),),
+                needs_constants=(),
+                ports=(port.name,),
+                label=port.name if len(ports) > 1 else "",
+                sized=port.unit in _USUAL_LOAD,
             )
             for lasting in (False, True)
         ]
@@ -174,23 +179,31 @@ def made_for(equations: Equations) -> tuple[Traceable, ...]:
 class ModelDiscrepancy(SizedOnPorts):
     """Model discrepancy: a first-order Gauss-Markov process is added to each load port.
 
-    Its standard deviation is the parameter with the name of the port, and its correlation time is
-    ``time``. This is the model discrepancy of Kennedy and O'Hagan, applied to forces and moments,
-    where the model of an aircraft has its errors.
+    The standard deviation of a process is the parameter with the name of the port, and its
+    correlation time is ``time``. This is the model discrepancy of Kennedy and O'Hagan, applied to
+    forces and moments, where the errors of an aircraft model are.
+
+    Attributes
+    ----------
+    units, sizes : units and usual sizes of the loads, by port; the starting standard deviation is a
+        tenth of the size.
+    needs_constants : constants that the equations must have.
+    ports : load ports that the effect adds to.
     """
 
     units: tuple[str, ...] = ("1", "1")
     sizes: tuple[float, ...] = (0.02, 0.01)
     needs_constants: tuple[str, ...] = ("Cm_alpha",)
     ports: tuple[str, ...] = LOADS
-    label: str = ""
 
     name: ClassVar[str] = "model-discrepancy"
     station: ClassVar[Station] = Station.DISTURBANCE
     regularity: ClassVar[Regularity] = Regularity.PROCESS_NOISE
     aliases: ClassVar[tuple[str, ...]] = ()
     traits: ClassVar[Traits] = Traits(background=True)
-    explanation: ClassVar[str] = "What a dozen small causes add to the forces and moments."
+    explanation: ClassVar[str] = (
+        "The sum of many small unmodelled causes in the forces and moments."
+    )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -199,10 +212,6 @@ class ModelDiscrepancy(SizedOnPorts):
             for port, size, unit in zip(self.ports, self.sizes, self.units, strict=True)
         )
         return (*sizes, Parameter("time", 0.5, "s", free=False))
-
-    @property
-    def absent(self) -> Mapping[str, float]:
-        return MappingProxyType(dict.fromkeys(self.ports, 0.0))
 
     @property
     def states(self) -> tuple[Signal, ...]:
@@ -226,7 +235,7 @@ class ModelDiscrepancy(SizedOnPorts):
 
 
 def discrepancy_for(effects: Sequence[Effect]) -> ModelDiscrepancy | None:
-    """Return a discrepancy of all loads on which an unmeasured input can act; None without any.
+    """Return a discrepancy of all loads to which an unmeasured input can add; None without any.
 
     Parameters
     ----------

@@ -1,25 +1,25 @@
-"""The atmosphere of a falling body: density over altitude, and drag over the Mach number."""
+"""Atmosphere and drag of a falling body: density over altitude, drag over the Mach number."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Parameter, Regularity, Signal, Station
-from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
-from sim.effects.instances import ANOTHER_FALL
+from sim.declaration.effect import Parameter, Regularity, Station
+from sim.declaration.proposal import SearchContext, Traceable, Traits
+from sim.effects.instances import ANOTHER_FALL, ProbedAtAbsence, WithoutStates
 from sim.maths import Shapes, absolute, asinh, combine, maximum, natural_shapes, shape_names, sqrt
 
 
 @dataclass(frozen=True)
-class DensityScaleHeight:
+class DensityScaleHeight(WithoutStates, ProbedAtAbsence):
     """Scale height of the density: rho = rho0 exp(-altitude / (H (1 + change))).
 
-    H and rho0 are the declared values; ``change`` is a share of H. The effect acts on the logarithm
-    of the drag, the only place where the density acts on a falling body.
+    H and rho0 are the declared values; ``change`` is a share of H. The effect adds to the logarithm
+    of the drag, because the density of the air acts on a falling body through the drag only.
     """
 
     name: ClassVar[str] = "density-scale-height"
@@ -32,7 +32,6 @@ class DensityScaleHeight:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"change": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
-    states: ClassVar[tuple[Signal, ...]] = ()
     traits: ClassVar[Traits] = Traits(
         sentences=(
             "the air density falls off with a scale height {change_change} {change_direction} than "
@@ -42,25 +41,18 @@ class DensityScaleHeight:
         plausible={"change": (-0.4, 0.6)},
     )
     explanation: ClassVar[str] = (
-        "The atmosphere is warmer or colder than the declared one, and its density falls with "
-        "altitude by another scale height: rho = rho0 exp(-altitude / (H (1 + change))), with the "
-        "density at altitude zero as declared. At one altitude that equals another ballistic "
-        "coefficient; a fall through several scale heights tells the two apart, since the error "
-        "grows with altitude. A change of temperature by one per cent changes the scale height by "
-        "one per cent."
+        "Another density scale height: the density of the air is rho = rho0 exp(-altitude / (H (1 "
+        "+ change))). The cause is an atmosphere that is warmer or colder than the declared one; "
+        "the density at altitude zero is as declared. At a single altitude this is the same as "
+        "another ballistic coefficient. A fall through several scale heights distinguishes the "
+        "two, since the error grows with altitude. A change of the temperature by one per cent "
+        "changes the scale height by one per cent."
     )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {
             "log_drag": s.altitude * p.change / (vehicle.density_scale_height * (1.0 + p.change))
         }
-
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the slope at absence."""
-        return (Probe(self.absent, ("change",)),)
 
 
 DRAG_RISE_MACH = 1.1  # Mach number about which drag changes most
@@ -69,20 +61,21 @@ SEA_LEVEL = 288.15  # K, standard atmosphere
 LAPSE_RATE = 0.0065  # K/m, standard atmosphere
 TROPOPAUSE_TEMPERATURE = 216.65  # K, standard atmosphere above 11 km
 TROPOPAUSE_ALTITUDE = 11000.0  # m, the tropopause of the standard atmosphere
-LOG_DRAG_STD = 1.0  # prior standard deviation of the logarithm of the drag
-SPEED_PER_ROOT = math.sqrt(1.4 * 287.053)  # (m/s)/sqrt(K): air as a perfect gas
+# Prior standard deviation of the logarithm of the drag: one sigma is a factor of e.
+LOG_DRAG_STD = 1.0
+SOUND_SPEED_PER_ROOT_KELVIN = math.sqrt(1.4 * 287.053)  # (m/s)/sqrt(K), air as a perfect gas
 
 
 @dataclass(frozen=True)
-class DragMach:
+class DragMach(WithoutStates, ProbedAtAbsence):
     """Drag that depends on the Mach number M: log drag += f(M).
 
     f is a natural cubic spline over ``[low, high]`` with f = 0 at ``low``, so that beta is the
     ballistic coefficient at the lowest Mach number; f is linear below it. f = sum of ``shape1`` ...
-    times orthonormal shapes (`sim.maths`) of asinh((M - 1.1)/0.25), which spreads the transonic
-    range, where drag changes most. The speed of sound is that of the standard atmosphere, a =
-    sqrt(1.4 R T) with T = max(288.15 K - 0.0065 K/m altitude, 216.65 K). An error of it by a few
-    per cent stretches f along M, without an effect on the fit.
+    times orthonormal shapes (`sim.maths`) of asinh((M - 1.1)/0.25). This argument spreads the
+    transonic range, where drag changes most. The speed of sound is that of the standard atmosphere,
+    a = sqrt(1.4 R T) with T = max(288.15 K - 0.0065 K/m altitude, 216.65 K). An error of a few per
+    cent in it stretches f along M and does not change the fit.
 
     Attributes
     ----------
@@ -100,20 +93,18 @@ class DragMach:
     needs_constants: ClassVar[tuple[str, ...]] = ("beta",)
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ("density-scale-height",)
-    states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (
-        "The drag coefficient is no constant: near the speed of sound shock waves raise it, faster "
-        "still it falls again. Drag = exp(f(M)) * 0.5 rho v^2 / beta, f a smooth curve of the Mach "
-        "number (natural cubic spline), zero at the lowest Mach number flown, where beta holds. A "
-        "body that slows down through the speed of sound shows it best. Speed and altitude fall "
-        "together, so that along a single fall it resembles another density profile; falls of "
-        "different speed tell the two apart."
+        "Drag depends on the Mach number M. Shock waves increase it near the speed of sound, and "
+        "it decreases again at higher speeds. Drag = exp(f(M)) * 0.5 rho v^2 / beta, where f is a "
+        "smooth curve (natural cubic spline). f is zero at the lowest Mach number flown, where "
+        "beta is the ballistic coefficient. A body that decelerates through the speed of sound "
+        "shows the curve best. Speed and altitude decrease together, so in a single fall the curve "
+        "resembles another density profile. Falls of different speed distinguish the two."
     )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        # The prior regularises shapes at high altitude, where there is hardly any air. A sigma of
-        # one changes the drag by a factor of e.
+        # The prior regularises shapes at high altitude, where there is hardly any air.
         shapes = enumerate(shape_names(self.fine, flat=False))
         return tuple(
             Parameter(name, 0.2 / (1.0 + i), "1", prior_std=LOG_DRAG_STD / (1.0 + i))
@@ -145,40 +136,30 @@ class DragMach:
             )
         }
 
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
-
     def fitted_to(self, context: SearchContext) -> DragMach:
         """Return the effect over the Mach numbers of the record.
 
         The lowest Mach number is at the lowest altitude, where a fall is slowest.
         """
-        recorded_range, heights = (
-            context.flown_range("velocity"),
-            context.flown.get("altitude", (0.0, TROPOPAUSE_ALTITUDE)),
-        )
-        if recorded_range is None:
+        speeds = context.flown_range("velocity")
+        if speeds is None:
             return self
-        slowest = (
-            0.0
-            if recorded_range[0] < 0.0 < recorded_range[1]
-            else min(abs(recorded_range[0]), abs(recorded_range[1]))
-        )
+        heights = context.flown.get("altitude", (0.0, TROPOPAUSE_ALTITUDE))
+        slowest = 0.0 if speeds[0] < 0.0 < speeds[1] else min(map(abs, speeds))
         low = slowest / _speed_of_sound(heights[0])
-        high = max(abs(recorded_range[0]), abs(recorded_range[1])) / _speed_of_sound(heights[1])
+        high = max(map(abs, speeds)) / _speed_of_sound(heights[1])
         return replace(self, low=low, high=max(high, low + 0.1))
 
     def finer(self) -> DragMach:
         """Return the refined form, with five more shapes."""
         return replace(self, fine=True)
 
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the slopes by all shapes at absence."""
-        return (Probe(self.absent, shape_names(self.fine, flat=False)),)
-
 
 def _speed_of_sound(altitude: Any) -> Any:
-    return SPEED_PER_ROOT * sqrt(maximum(SEA_LEVEL - LAPSE_RATE * altitude, TROPOPAUSE_TEMPERATURE))
+    """Return the speed of sound of the standard atmosphere, m/s, at an altitude, m."""
+    return SOUND_SPEED_PER_ROOT_KELVIN * sqrt(
+        maximum(SEA_LEVEL - LAPSE_RATE * altitude, TROPOPAUSE_TEMPERATURE)
+    )
 
 
 def _stretched(mach: Any) -> Any:

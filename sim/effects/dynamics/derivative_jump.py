@@ -1,4 +1,4 @@
-"""Steps in time of derivatives, of the drag of a falling body, or of parameters of a user model."""
+"""Jumps in time of derivatives, of the drag of a falling body, or of parameters of a user model."""
 
 from __future__ import annotations
 
@@ -11,15 +11,12 @@ from sim.aerodynamics import AS_TERM, parse_term
 from sim.declaration.effect import (
     Parameter,
     Regularity,
-    Signal,
     Station,
-    constants_needed,
-    ports_needed,
 )
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.declaration.user_equations import OwnEquations
-from sim.effects.instances import ANOTHER_FALL, labelled
+from sim.effects.instances import ANOTHER_FALL, WithoutStates, has_its_constants_and_ports, labelled
 from sim.effects.loads import SLOW_WIDTH, USUAL_SUB_STEP, edge_width, risen
 from sim.maths import log
 
@@ -29,7 +26,7 @@ LARGEST_CHANGE_SHARE = 10.0  # largest plausible change, as a share of the decla
 
 @dataclass(frozen=True)
 class ParameterJump:
-    """Jump of parameters: from ``time`` (s) on each parameter of a group is larger by an amount.
+    """Jump of parameters: from ``time`` (s) on each parameter of a group is increased by an amount.
 
     The amounts are parameters in the units of the changed ones; some may be zero. Rates and
     readings use the changed parameters. The edge lasts ``width`` s, centred on ``time``.
@@ -38,8 +35,8 @@ class ParameterJump:
     ----------
     changing : name and unit of each parameter of the group.
     label : suffix of the effect's name, where there are several groups.
-    sizes : usual changes, in these units. They follow from the declared values; if these are not
-        known, sizes are empty and any change is plausible.
+    sizes : usual changes, in these units, from the declared values. If these are unknown, ``sizes``
+        is empty and any change is plausible.
     width : duration of an edge, s.
     """
 
@@ -54,12 +51,14 @@ class ParameterJump:
 
     @property
     def explanation(self) -> str:
+        several = len(self.group) > 1
         return (
-            f"Something breaks, sticks or is switched: from a time on {' and '.join(self.group)} "
-            f"{'are' if len(self.group) > 1 else 'is'} not what "
-            "was declared, by an amount of its own each. Before that time the model fits, after it "
-            "no longer. A change after the last maneuver leaves no trace, since a parameter shows "
-            "only while the signal that it multiplies moves."
+            f"From a time on, the parameter{'s' if several else ''} {' and '.join(self.group)} "
+            f"{'have' if several else 'has'} other values than declared. Something in the system "
+            f"breaks, sticks or is switched. In the model, {self.group[0]} = declared value + "
+            "change after that time, where each parameter has a change of its own. The declared "
+            "model fits before that time, but not after it. A change after the last maneuver is "
+            "not observable, since a parameter acts only while the signal that it multiplies moves."
         )
 
     @property
@@ -120,16 +119,17 @@ class ParameterJump:
 def jumps_of(equations: OwnEquations) -> tuple[ParameterJump, ...]:
     """Return a jump of the parameters that act through each port.
 
-    If ports are coefficients, a group has the derivatives of one coefficient, because each rate
-    depends on several ports. A jump of a constant term is `unmeasured-input`.
+    If the ports are coefficients, the derivatives of each coefficient are a group, because each
+    rate depends on several ports. A jump of a constant term is the effect `unmeasured-input`.
     """
+    acting = (
+        _derivatives(equations)
+        if equations.terms
+        else [(port, name) for port, _, name in equations.products]
+    )
     groups: dict[str, list[str]] = {}
-    if equations.terms:
-        for axis, name in _derivatives(equations):
-            groups.setdefault(axis, []).append(name)
-    else:
-        for port, _, name in equations.products:
-            groups.setdefault(port, []).append(name)
+    for port, name in acting:
+        groups.setdefault(port, []).append(name)
     units, several = equations.factors, len(groups) > 1
     order = {port: sorted({*names}, key=[*units].index) for port, names in groups.items()}
     return tuple(
@@ -139,7 +139,7 @@ def jumps_of(equations: OwnEquations) -> tuple[ParameterJump, ...]:
 
 
 def _derivatives(equations: OwnEquations) -> list[tuple[str, str]]:
-    """Return coefficient and parameter of each term that contains a signal."""
+    """Return the coefficient and the parameter of each term that contains a signal."""
     signals = [name.removeprefix(AS_TERM) for name in equations.formed_names]
     terms = [(axis, parse_term(text, signals)) for axis, text in equations.terms]
     named = [(axis, f"{axis}_{term.label}") for axis, term in terms if term.signals]
@@ -147,31 +147,33 @@ def _derivatives(equations: OwnEquations) -> list[tuple[str, str]]:
     return [(axis, name) for axis, name in named if name in known]
 
 
-OF_PITCH = (
-    "Something happens to the aircraft in flight: ice breaks off, a surface is damaged, fuel or a "
-    "store moves the centre of gravity, a flap runs. From time t0 on the moment is Cm = (Cm_alpha "
-    "+ change) alpha + ... and the lift likewise: stability, damping, control power and lift slope "
-    "may each change. Before t0 the model fits, after it no longer. A change after the last "
-    "maneuver leaves no trace, since a derivative shows only while its signal moves."
+PITCH_EXPLANATION = (
+    "Derivatives change at one time. Causes are ice that breaks off, damage of a surface, a shift "
+    "of the centre of gravity by fuel or a store, or a flap that moves. From the time t0 on the "
+    "moment is Cm = (Cm_alpha + change) alpha + ..., and the lift likewise: stability, damping, "
+    "control power and lift slope may each change. The declared model fits before t0, but not "
+    "after it. A change after the last maneuver is not observable, since a derivative acts only "
+    "while its signal moves."
 )
-ALL_AXES = (
-    "Something happens to the aircraft in flight: ice breaks off, a surface is damaged, a store "
-    "leaves one wing, a fin tank empties. From a time t0 on one coefficient obeys other "
-    "derivatives: for yaw Cn = (Cn_beta + change) beta + (Cn_dr + change) rudder + ..., for roll "
-    "and side force Cl and CY likewise. Before t0 the model fits, after it no longer. A change "
-    "after the last maneuver leaves no trace, since a derivative shows only while its signal moves."
+LATERAL_EXPLANATION = (
+    "Derivatives change at one time. Causes are ice that breaks off, damage of a surface, a store "
+    "that leaves one wing, or a fin tank that empties. From the time t0 on one coefficient has "
+    "other derivatives: for yaw Cn = (Cn_beta + change) beta + (Cn_dr + change) rudder + ..., for "
+    "roll and side force Cl and CY likewise. The declared model fits before t0, but not after it. "
+    "A change after the last maneuver is not observable, since a derivative acts only while its "
+    "signal moves."
 )
 
 
 @dataclass(frozen=True)
 class Change:
-    """A derivative that may change.
+    """A derivative that may change at the time of a jump.
 
     Attributes
     ----------
     derivative, unit : name and unit.
     signal : signal that it multiplies.
-    size, largest : usual change, and largest plausible change.
+    size, largest : usual change, and largest plausible change, in ``unit``.
     """
 
     derivative: str
@@ -198,23 +200,22 @@ _LATERAL_SIGNALS = {"beta": "beta_air", "p": "p_hat", "r": "r_hat", "da": "ailer
 
 def _lateral(axis: str, size: float, largest: float) -> tuple[Change, ...]:
     """Return the changes of all derivatives of a lateral coefficient."""
-    rates = {"p": 5.0, "r": 5.0}  # derivatives by rates are several times larger
+    factors = {"p": 5.0, "r": 5.0}  # derivatives by rates are several times larger
     return tuple(
-        Change(
-            f"{axis}_{by}", "1/rad", signal, size * rates.get(by, 1.0), largest * rates.get(by, 1.0)
-        )
+        Change(f"{axis}_{by}", "1/rad", signal, size * factor, largest * factor)
         for by, signal in _LATERAL_SIGNALS.items()
+        for factor in (factors.get(by, 1.0),)
     )
 
 
 @dataclass(frozen=True)
-class DerivativeJump:
-    """Jump of derivatives: from ``time`` (s) on some are larger by given amounts.
+class DerivativeJump(WithoutStates):
+    """Jump of derivatives: from ``time`` (s) on some derivatives are increased by given amounts.
 
-    The moment gains the sum of changes times their signals, and so does the lift. The amounts have
-    the names and units of the derivatives; some may be zero. The edge lasts ``width`` s, centred on
-    ``time``. Changes act on perturbations about the same trim; a jump of the moment itself is
-    `unmeasured-input`.
+    The moment increases by the sum of the changes times their signals, and so does the lift. The
+    amounts have the names and units of the derivatives; some may be zero. The edge lasts ``width``
+    s, centred on ``time``. Changes act on perturbations about the same trim. A jump of the moment
+    itself is the effect `unmeasured-input`.
 
     Attributes
     ----------
@@ -234,11 +235,10 @@ class DerivativeJump:
     station: ClassVar[Station] = Station.DYNAMICS
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ()
-    states: ClassVar[tuple[Signal, ...]] = ()
 
     @property
     def explanation(self) -> str:
-        return ALL_AXES if self.label else OF_PITCH
+        return LATERAL_EXPLANATION if self.label else PITCH_EXPLANATION
 
     @property
     def name(self) -> str:
@@ -288,9 +288,6 @@ class DerivativeJump:
         }
         return {port: share * load for port, load in added.items()}
 
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
-
     def fitted_to(self, context: SearchContext) -> DerivativeJump:
         """Return the effect with an edge of one sub-step of the record."""
         return replace(self, width=edge_width(context.interval))
@@ -319,26 +316,17 @@ DERIVATIVE_VARIANTS: tuple[Traceable, ...] = (
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return groups of parameters of a user model, one for each port, unless ``VARIANTS`` has
-    one.
-    """
-    parameter_names, ports = {*equations.parameter_names}, {port.name for port in equations.ports}
-    applicable = (
-        each
-        for each in DERIVATIVE_VARIANTS
-        if parameter_names.issuperset(constants_needed(each))
-        and ports.issuperset(ports_needed(each))
-    )
-    is_covered = any(applicable)
-    return jumps_of(equations) if isinstance(equations, OwnEquations) and not is_covered else ()
+    """Return a jump of each group of parameters of a user model, unless ``VARIANTS`` have one."""
+    covered = any(has_its_constants_and_ports(each, equations) for each in DERIVATIVE_VARIANTS)
+    return jumps_of(equations) if isinstance(equations, OwnEquations) and not covered else ()
 
 
 @dataclass(frozen=True)
-class DragJump:
-    """Jump of the drag: from ``time`` (s) on it is ``factor`` times as large.
+class DragJump(WithoutStates):
+    """Jump of the drag: from ``time`` (s) on the drag is multiplied by ``factor``.
 
-    beta is the ballistic coefficient before. log drag += ln(1 + (factor - 1) e), where the edge e
-    rises from 0 to 1 over ``width`` s, centred on ``time``.
+    beta is the ballistic coefficient before the jump. log drag += ln(1 + (factor - 1) e), where the
+    edge e rises from 0 to 1 over ``width`` s, centred on ``time``.
     """
 
     width: float = SLOW_WIDTH
@@ -353,7 +341,6 @@ class DragJump:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"factor": 1.0})
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ()
-    states: ClassVar[tuple[Signal, ...]] = ()
     traits: ClassVar[Traits] = Traits(
         sentences=("the drag is multiplied by {factor} from {time} on",),
         separating={"sensor-scale": ANOTHER_FALL},
@@ -362,18 +349,15 @@ class DragJump:
         per_record=True,
     )
     explanation: ClassVar[str] = (
-        "At one time the body changes: a heat shield is dropped, a drogue opens, a fin breaks, it "
-        "starts to tumble. From then on the drag is another multiple of the dynamic pressure, drag "
-        "= factor * 0.5 rho v^2 / beta. The altitude itself shows no step, only its curvature "
-        "does: the residual bends from that time on. High up, where there is hardly any air, a "
-        "change leaves no trace until the air thickens."
+        "The drag changes at one time. Causes are a heat shield that is dropped, a drogue that "
+        "opens, a fin that breaks, or the begin of tumbling. From then on the drag is another "
+        "multiple of the dynamic pressure, drag = factor * 0.5 rho v^2 / beta. The altitude has no "
+        "step, only its curvature has: the residual bends from that time on. At high altitude, "
+        "where there is hardly any air, a change is not observable until the density increases."
     )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {"log_drag": log(1.0 + risen(s.time, p.time, self.width) * (p.factor - 1.0))}
-
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
 
     def fitted_to(self, context: SearchContext) -> DragJump:
         """Return the effect with an edge that sub-steps of the record resolve."""

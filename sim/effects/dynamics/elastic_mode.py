@@ -1,5 +1,5 @@
-"""An elastic mode that the declared model lacks: an oscillator that control and angle of attack
-drive.
+"""An elastic mode that the declared model lacks: an oscillator driven by a control and by the angle
+of attack or sideslip.
 """
 
 from __future__ import annotations
@@ -20,21 +20,20 @@ from sim.declaration.proposal import (
 )
 from sim.errors import ModelError
 
-STARTING_DAMPING = 0.03  # start of a search: structures have 0.01 to 0.05
+STARTING_DAMPING = 0.03  # start of a search; structures have 0.01 to 0.05
 # Ratio of successive trial frequencies, so close that a mode of this damping responds to one.
 FREQUENCY_RATIO = 1.09
-LOWEST_FREQUENCY = 4.0  # rad/s, lowest frequency of a structure
+# rad/s; a record is taken to resolve at least this frequency.
+LOWEST_FREQUENCY = 4.0
 HIGHEST_FREQUENCY = 250.0  # rad/s, highest frequency resolved by usual sub-steps
-
-
-# Control -> derivatives of the moment by angle and control. Angle and control drive a mode in about
-# their ratio.
-TURNED_BY = {
+# Moment derivatives by angle and by control, for each control. Angle and control drive a mode in
+# about the ratio of the two.
+MOMENT_DERIVATIVES = {
     "elevator": ("Cm_alpha", "Cm_de"),
     "delta": ("M_alpha", "M_delta"),
     "rudder": ("Cn_beta", "Cn_dr"),
 }
-BEYOND = 3.0  # prior standard deviation of ``angle_gain`` over that ratio
+ANGLE_GAIN_STD = 3.0  # prior standard deviation of ``angle_gain``, relative to this ratio
 
 
 @dataclass(frozen=True)
@@ -42,29 +41,29 @@ class ElasticMode:
     """An elastic mode: eta_ddot = -2 damping frequency eta_dot + frequency^2 (control + angle_gain
     alpha - eta).
 
-    The gain of the control is one by convention, so that eta is the steady deflection of the
-    control that bends the structure as much. ``lift`` and ``moment`` times eta add to the loads,
-    and the gyro reads q + ``gyro`` eta_dot, with the local rate of bending. On the rigid aircraft
-    eta is in rad and the loads are coefficients. On the low-order equivalent system eta is in the
-    unit of the stick and driven by the pseudo-control, with lift in 1/s and moment in 1/s2. alpha
-    includes the gust.
+    The gain of the control is one by convention: eta is the steady deflection of the control that
+    bends the structure as much. ``lift`` and ``moment`` times eta add to the loads. The gyro reads
+    q + ``gyro`` eta_dot, with the local rate of bending. On the rigid aircraft eta is in rad and
+    the loads are coefficients. On the low-order equivalent system eta is in the unit of the stick
+    and driven by the pseudo-control, with lift in 1/s and moment in 1/s2. alpha includes the gust.
 
     Attributes
     ----------
     number : number of the mode: 1 is ``elastic-mode``, 2 is ``elastic-mode#2``.
-    fine : the refined form. It also has loads by the rate of bending, forcing by the pitch rate,
-        and an accelerometer away from the node: ``lift_rate`` and ``moment_rate`` times
-        eta_dot/frequency, ``pitch_gain`` q in the forcing, nz + ``accelerometer`` eta_ddot.
-    control, angle : signal that drives the mode, and its unit.
+    fine : whether this is the refined form. It adds loads by the rate of bending (``lift_rate`` and
+        ``moment_rate`` times eta_dot/frequency), forcing by the pitch rate (``pitch_gain`` q), and
+        an accelerometer away from the node (nz + ``accelerometer`` eta_ddot).
+    control, angle : signal of the control that drives the mode, and its unit.
     loads, sizes : units of lift and moment; starting values of lift, moment and gyro.
     needs_constants : constants that the equations must have.
     fastest : highest frequency that the records resolve, rad/s.
     ports : load ports that the effect adds to; its size parameters have their names.
-    read_as : angle that drives the mode, rate that its gyro reads, channel of the accelerometer.
-    total : whether control and angle are totals. Then ``trim``, their forcing in steady flight, is
-        a free parameter that is subtracted, since a record begins without bending.
-    middle : starting value of ``trim``, the middle of the deflections in the record.
-    angle_std : prior standard deviation of ``angle_gain``. The flow bends a structure about as it
+    read_as : angle that drives the mode, rate that the gyro reads, and channel of the
+        accelerometer.
+    total : whether control and angle are totals. The steady value of their forcing is then a free
+        parameter ``trim``, which is subtracted, since a record begins without bending.
+    middle : starting value of ``trim``: the middle of the deflections in the record.
+    angle_std : prior standard deviation of ``angle_gain``. The air bends a structure about as it
         turns the aircraft. Without this prior, a record that does not determine ``angle_gain``
         could attribute a moment of the aircraft to it.
     """
@@ -86,31 +85,40 @@ class ElasticMode:
     station: ClassVar[Station] = Station.DYNAMICS
     regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     aliases: ClassVar[tuple[str, ...]] = ()
-    bends: ClassVar[str] = (
-        "The structure bends, and the declared model holds it for rigid. One mode is an oscillator "
-        "that the control and the angle of attack drive: eta_ddot = -2 damping frequency eta_dot + "
-        "frequency^2 (control + angle_gain alpha - eta). Bending changes the lift and the moment, "
-        "lift eta and moment eta, and turns the place where the gyro sits: it reads q + gyro "
-        "eta_dot. After each quick control input the record rings at one frequency above the short "
-        "period, mostly in pitch rate and load factor. The scale of eta is a convention, fixed "
-        "here by the gain of one on the control. A mode much faster than the input merely changes "
-        "the derivatives and leaves no trace."
-    )
-
-    fin_bends: ClassVar[str] = (
-        "The fin or the aft fuselage bends sideways, and the declared model holds it for rigid. "
-        "One mode is an oscillator that the rudder and the sideslip drive: eta_ddot = -2 damping "
-        "frequency eta_dot + frequency^2 (control + angle_gain beta - eta). Bending changes side "
-        "force and yawing moment, side_force eta and yaw eta, and turns the place where the gyro "
-        "sits: it reads r + gyro eta_dot. After each quick rudder the record rings at one "
-        "frequency above the Dutch roll, mostly in yaw rate and lateral load factor. The scale of "
-        "eta is a convention, fixed here by the gain of one on the rudder. A mode much faster than "
-        "the input merely changes the derivatives and leaves no trace."
-    )
 
     @property
     def explanation(self) -> str:
-        return self.fin_bends if "yaw" in self.ports else self.bends
+        part, angle, control, loads, rate, motion, channels = (
+            (
+                "The fin or the aft fuselage bends sideways",
+                "beta",
+                "rudder",
+                "the side force by side_force eta and the yawing moment by yaw eta",
+                "r",
+                "Dutch roll",
+                "yaw rate and lateral load factor",
+            )
+            if "yaw" in self.ports
+            else (
+                "The structure bends",
+                "alpha",
+                "control",
+                "the lift by lift eta and the moment by moment eta",
+                "q",
+                "short period",
+                "pitch rate and load factor",
+            )
+        )
+        return (
+            f"{part}. The declared model assumes that it is rigid. One elastic mode is an "
+            f"oscillator that the {control} and {angle} drive: eta_ddot = -2 damping frequency "
+            f"eta_dot + frequency^2 (control + angle_gain {angle} - eta). Bending changes {loads}. "
+            f"It also turns the place where the gyro is mounted, which reads {rate} + gyro "
+            f"eta_dot. After each quick movement of the {control} the record oscillates at a "
+            f"frequency above that of the {motion}, mostly in {channels}. The scale of eta is a "
+            f"convention, defined by the gain of one on the {control}. A mode that is much faster "
+            "than the input only changes the derivatives and is not observable."
+        )
 
     def __post_init__(self) -> None:
         if self.number < 1:
@@ -208,24 +216,28 @@ class ElasticMode:
         return replace(self, fine=True)
 
     def fitted_to(self, context: SearchContext) -> ElasticMode:
-        """Return the mode with frequencies that the records resolve, and a prior of ``angle_gain``
-        from the derivatives of the aircraft.
+        """Return the mode with frequencies that the records resolve, and with a prior of
+        ``angle_gain`` from the derivatives of the aircraft.
 
-        Deflections that are totals count from the middle of their range.
+        Total deflections are counted from the middle of their range.
         """
         low, high = (context.flown_range(self.control) if self.total else None) or (
             self.middle,
             self.middle,
         )
         by_angle, by_control = (
-            abs(context.values.get(name, 0.0)) for name in TURNED_BY[self.control]
+            abs(context.values.get(name, 0.0)) for name in MOMENT_DERIVATIVES[self.control]
         )
-        std = BEYOND * by_angle / by_control if by_angle > 0.0 and by_control > 0.0 else math.inf
+        std = (
+            ANGLE_GAIN_STD * by_angle / by_control
+            if by_angle > 0.0 and by_control > 0.0
+            else math.inf
+        )
         return replace(self, fastest=_resolved(context), middle=0.5 * (low + high), angle_std=std)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the couplings at the peaks of the residual's spectrum, then over a grid up to four
-        fifths of the sampling limit.
+        """Probe the couplings at the peaks of the residual's spectrum, then over a grid of
+        frequencies up to four fifths of half the sampling rate.
         """
         slowest = max(2.0, 4.0 * math.pi / max(context.duration, 1.0))
         fastest = min(_resolved(context), HIGHEST_FREQUENCY)
@@ -251,6 +263,7 @@ class ElasticMode:
 
 
 def _resolved(context: SearchContext) -> float:
+    """Return the highest frequency that a record resolves, rad/s."""
     return max(RESOLVED_FREQUENCY_SHARE * math.pi / context.interval, LOWEST_FREQUENCY)
 
 

@@ -15,122 +15,135 @@ from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.loads import LoadCurve
 from sim.maths import G0, clip, exp, real, sqrt, where
 
-DRAG_EXPLANATION = (
-    "The drag bends away from the straight line CD = CD_0 + CD_alpha alpha: a polar is a parabola "
-    "of the lift at least. CD += f(alpha), a smooth curve (natural cubic spline, four shapes) over "
-    "the range flown that is zero with zero slope in its middle, so that CD_0 and CD_alpha are the "
-    "tangent there. The axial load factor shows it at once, the airspeed over seconds, the rates "
-    "hardly."
-)
+# ---- Smooth curves over an angle of the flow
+
+
+def _explained(load: str, angle: str, slope: str, cause: str, shown: str) -> str:
+    """Return the explanation of a curve of a load.
+
+    Parameters
+    ----------
+    load : the load in words.
+    angle : signal of the angle.
+    slope : name of the derivative of the load by the angle.
+    cause : sentence about the cause.
+    shown : sentences about what a record shows.
+    """
+    coefficient = slope.partition("_")[0]
+    return (
+        f"Nonlinear {load}: it is not linear in the angle of "
+        f"{'attack' if angle == 'alpha' else 'sideslip'}. {cause} {coefficient} += f({angle}), "
+        "where f is a smooth curve (natural cubic spline, four shapes) over the range flown. f is "
+        f"zero with zero slope in trim, so that {slope} stays the slope there. {shown}"
+    )
+
+
 DRAG_NONLINEARITY = LoadCurve(
-    "drag",
-    "drag-nonlinearity",
-    "the drag",
-    "curved drag",
-    DRAG_EXPLANATION,
+    port="drag",
+    name="drag-nonlinearity",
+    load="the drag",
+    short_name="curved drag",
+    explanation=(
+        "Nonlinear drag: it is not linear in the angle of attack. The straight line CD = CD_0 + "
+        "CD_alpha alpha neglects that a drag polar is at least a parabola of the lift. CD += "
+        "f(alpha), where f is a smooth curve (natural cubic spline, four shapes) over the range "
+        "flown. f is zero with zero slope in the middle of the range, so that CD_0 and CD_alpha "
+        "are the tangent there. The axial load factor shows the curve at once, the airspeed over "
+        "seconds, and the rates hardly."
+    ),
     unit="1",
     size=0.01,
     needs_constants=("CD_alpha",),
     total=True,
-)
-
-
-LIFT_EXPLANATION = (
-    "The lift bends away from the straight line CL = CL_alpha alpha: near separation it falls "
-    "short, with vortices it grows faster. CL += f(alpha), a smooth curve (natural cubic spline, "
-    "four shapes) over the range flown that is zero with zero slope in trim, so that CL_alpha "
-    "stays the slope there. The load factor shows it at once, the path later, the pitch rate "
-    "hardly: what is left over in nz depends on alpha alone. Without nz it must be told from the "
-    "damping of the short period, and a record rarely can."
 )
 LIFT_NONLINEARITY = LoadCurve(
     port="lift",
     name="lift-nonlinearity",
     load="the lift",
     short_name="curved lift",
-    explanation=LIFT_EXPLANATION,
+    explanation=_explained(
+        "lift",
+        "alpha",
+        "CL_alpha",
+        "Near flow separation the lift grows more slowly, with vortices faster.",
+        "The load factor shows the curve at once, the flight path later, and the pitch rate "
+        "hardly: the residual of nz depends on alpha alone. Without nz the curve must be "
+        "distinguished from the damping of the short period, which a record rarely allows.",
+    ),
     unit="1",
     size=0.02,
     needs_constants=("CL_alpha", "airspeed"),
 )
-
-
-MOMENT_EXPLANATION = (
-    "The pitching moment bends away from the straight line Cm = Cm_alpha alpha: at larger angles "
-    "the aircraft grows stiffer, loses stability or pitches up. Cm += f(alpha), a smooth curve "
-    "(natural cubic spline, four shapes) over the range flown that is zero with zero slope in "
-    "trim, so that Cm_alpha stays the slope there. Small maneuvers show nothing; the frequency of "
-    "the short period changes with the size of the motion, and the residual of the pitch rate "
-    "depends on alpha, not on time."
-)
 MOMENT_NONLINEARITY = LoadCurve(
-    "moment",
-    "moment-nonlinearity",
-    "the pitching moment",
-    "curved pitching moment",
-    MOMENT_EXPLANATION,
+    port="moment",
+    name="moment-nonlinearity",
+    load="the pitching moment",
+    short_name="curved pitching moment",
+    explanation=_explained(
+        "pitching moment",
+        "alpha",
+        "Cm_alpha",
+        "At larger angles the static stability of the aircraft increases or decreases, or it "
+        "pitches up.",
+        "Small maneuvers do not show the curve. In large ones the frequency of the short period "
+        "changes with the size of the motion, and the residual of the pitch rate depends on alpha, "
+        "not on time.",
+    ),
     unit="1",
     size=0.01,
     needs_constants=("Cm_alpha", "airspeed"),
 )
-
-
-ROLL_EXPLANATION = (
-    "The rolling moment bends away from the straight line Cl = Cl_beta beta: the dihedral effect "
-    "grows or fades with sideslip, as of a swept wing near stall or a wing in the wake of the "
-    "fuselage. Cl += f(beta), a smooth curve (natural cubic spline, four shapes) over the range "
-    "flown that is zero with zero slope in trim, so that Cl_beta stays the slope there. What is "
-    "left in the roll rate depends on sideslip, not on time; small maneuvers show nothing."
-)
 ROLL_NONLINEARITY = LoadCurve(
-    "roll",
-    "roll-nonlinearity",
-    "the rolling moment",
-    "curved rolling moment",
-    ROLL_EXPLANATION,
+    port="roll",
+    name="roll-nonlinearity",
+    load="the rolling moment",
+    short_name="curved rolling moment",
+    explanation=_explained(
+        "rolling moment",
+        "beta",
+        "Cl_beta",
+        "The dihedral effect grows or fades with sideslip, as for a swept wing near stall or a "
+        "wing in the wake of the fuselage.",
+        "The residual of the roll rate depends on sideslip, not on time. Small maneuvers do not "
+        "show the curve.",
+    ),
     unit="1",
     size=0.002,
     needs_constants=("Cl_beta",),
     angle="beta_air",
     flown="beta",
 )
-
-
-SIDE_FORCE_EXPLANATION = (
-    "The side force bends away from the straight line CY = CY_beta beta: fin and fuselage at "
-    "larger sideslip do not carry in proportion. CY += f(beta), a smooth curve (natural cubic "
-    "spline, four shapes) over the range flown that is zero with zero slope in trim, so that "
-    "CY_beta stays the slope there. The lateral load factor shows it at once, sideslip later, the "
-    "rates hardly."
-)
 SIDE_FORCE_NONLINEARITY = LoadCurve(
-    "side_force",
-    "side-force-nonlinearity",
-    "the side force",
-    "curved side force",
-    SIDE_FORCE_EXPLANATION,
+    port="side_force",
+    name="side-force-nonlinearity",
+    load="the side force",
+    short_name="curved side force",
+    explanation=_explained(
+        "side force",
+        "beta",
+        "CY_beta",
+        "At larger sideslip the forces of fin and fuselage are not in proportion to it.",
+        "The lateral load factor shows the curve at once, sideslip later, and the rates hardly.",
+    ),
     unit="1",
     size=0.01,
     needs_constants=("CY_beta",),
     angle="beta_air",
     flown="beta",
 )
-
-
-YAW_EXPLANATION = (
-    "The yawing moment bends away from the straight line Cn = Cn_beta beta: at larger sideslip the "
-    "fin stalls, or the fuselage takes its air. Cn += f(beta), a smooth curve (natural cubic "
-    "spline, four shapes) over the range flown that is zero with zero slope in trim, so that "
-    "Cn_beta stays the slope there. The frequency of the Dutch roll then changes with its size, "
-    "and what is left in the yaw rate depends on sideslip, not on time. Small maneuvers show "
-    "nothing."
-)
 YAW_NONLINEARITY = LoadCurve(
-    "yaw",
-    "yaw-nonlinearity",
-    "the yawing moment",
-    "curved yawing moment",
-    YAW_EXPLANATION,
+    port="yaw",
+    name="yaw-nonlinearity",
+    load="the yawing moment",
+    short_name="curved yawing moment",
+    explanation=_explained(
+        "yawing moment",
+        "beta",
+        "Cn_beta",
+        "At larger sideslip the fin stalls, or is in the wake of the fuselage.",
+        "The frequency of the Dutch roll then changes with its size, and the residual of the yaw "
+        "rate depends on sideslip, not on time. Small maneuvers do not show the curve.",
+    ),
     unit="1",
     size=0.002,
     needs_constants=("Cn_beta",),
@@ -139,22 +152,18 @@ YAW_NONLINEARITY = LoadCurve(
 )
 
 
+def _of_loes(curve: LoadCurve, unit: str, size: float, constant: str) -> LoadCurve:
+    """Return the curve on the low-order equivalent system."""
+    return replace(curve, low=-0.04, high=0.04, unit=unit, size=size, needs_constants=(constant,))
+
+
 CURVE_VARIANTS: tuple[Traceable, ...] = (
     DRAG_NONLINEARITY,
     LIFT_NONLINEARITY,
-    replace(
-        LIFT_NONLINEARITY, low=-0.04, high=0.04, unit="1/s", size=0.02, needs_constants=("L_alpha",)
-    ),
+    _of_loes(LIFT_NONLINEARITY, "1/s", 0.02, "L_alpha"),
     replace(LIFT_NONLINEARITY, total=True, needs_constants=("CL_alpha", "reference_airspeed")),
     MOMENT_NONLINEARITY,
-    replace(
-        MOMENT_NONLINEARITY,
-        low=-0.04,
-        high=0.04,
-        unit="1/s2",
-        size=0.1,
-        needs_constants=("M_alpha",),
-    ),
+    _of_loes(MOMENT_NONLINEARITY, "1/s2", 0.1, "M_alpha"),
     replace(MOMENT_NONLINEARITY, total=True, needs_constants=("Cm_alpha", "reference_airspeed")),
     ROLL_NONLINEARITY,
     SIDE_FORCE_NONLINEARITY,
@@ -162,17 +171,23 @@ CURVE_VARIANTS: tuple[Traceable, ...] = (
 )
 
 
+# ---- Flow separation near stall
+
 # a1 (alpha - alpha_star) below which the separated share, then less than rounding, is set to zero.
 ATTACHED_FLOW_EXPONENT = -20.0
-# Smallest attached share of the chord, since its root has no slope at zero. The lift is then within
-# 2 per cent of that of fully separated flow.
+# Smallest attached share of the chord; at zero its square root has no slope. The lift is then
+# within 2 per cent of that of fully separated flow.
 LEAST_ATTACHED = 1e-4
 NO_STALL_BELOW = 0.15  # rad from zero lift (8 deg, chosen); no stall is searched below
 UNREACHED_ALPHA = 6.0  # rad, value of alpha_star that no flight reaches
-SHARES = (0.7, 0.85, 1.0)  # trial values, relative to the largest angle flown
-TIMES = (0.1, 0.5)  # s, time constants that are probed
-STEEPNESS = (15.0, 40.0)  # 1/rad, slopes of the separation point that are probed
-MOMENTS = (0.0, -0.1)  # moment coefficients by separation that are probed
+SLOW_AND_QUICK_STALL = (
+    "the stall approached slowly and then quickly: a curve is flown through alike, separation lags"
+)
+# Trial values.
+ALPHA_STAR_SHARES = (0.7, 0.85, 1.0)  # of alpha_star, relative to the largest angle flown
+TAU1 = (0.1, 0.5)  # s
+A1 = (15.0, 40.0)  # 1/rad
+MOMENTS = (0.0, -0.1)
 
 
 @dataclass(frozen=True)
@@ -186,12 +201,12 @@ class FlowSeparation:
     drag are usually taken as proportional to 1 - X: CL += (((1 + sqrt X)/2)^2 - 1) CL_wing, Cm +=
     ``moment`` (1 - X), CD += ``drag`` (1 - X) (Fischenberg, AIAA 95-3438, 1995; Singh and
     Jategaonkar, Journal of Aircraft 33(2), 1996; Jategaonkar, Flight Vehicle System Identification,
-    ch. 12). ``tau1`` and ``tau2`` are in s, ``a1`` in 1/rad, ``alpha_star`` in rad; alpha is that
-    of the model, the gust included.
+    ch. 12). ``tau1`` and ``tau2`` are in s, ``a1`` in 1/rad, ``alpha_star`` in rad. alpha is that
+    of the model, including the gust.
 
-    CL_wing is the declared lift without that of pitch rate and elevator. In equations about a trim
-    it is the lift that carries the weight in level flight plus CL_alpha alpha; in equations of
-    totals it is CL_0 + CL_V V/V0 + CL_alpha alpha.
+    CL_wing is the declared lift without the contributions of pitch rate and elevator. In equations
+    about a trim it is the lift that carries the weight in level flight plus CL_alpha alpha. In
+    equations of totals it is CL_0 + CL_V V/V0 + CL_alpha alpha.
 
     Attributes
     ----------
@@ -210,14 +225,15 @@ class FlowSeparation:
     )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"alpha_star": UNREACHED_ALPHA})
     explanation: ClassVar[str] = (
-        "Near stall the flow leaves the rear of the wing. The point X on the chord up to which it "
-        "is attached follows the angle of attack late: tau1 X_dot + X = X0(alpha - tau2 alpha_dot) "
-        "with X0 = (1 - tanh(a1 (alpha - alpha_star)))/2. The wing keeps ((1 + sqrt X)/2)^2 of its "
-        "lift, the moment changes by moment (1 - X) and where drag is modelled it grows by drag (1 "
-        "- X). Going up the lift overshoots, coming down it returns late: a loop of hysteresis "
-        "over the angle of attack, which no curve has. A flight that stays well below alpha_star "
-        "shows nothing. A slow approach to the stall shows the curve, alpha_star and a1; only a "
-        "quick one, and a quick recovery, show the times."
+        "The flow separates near stall. It leaves the rear of the wing first. The point X on the "
+        "chord up to which it is attached follows the angle of attack late: tau1 X_dot + X = "
+        "X0(alpha - tau2 alpha_dot) with X0 = (1 - tanh(a1 (alpha - alpha_star)))/2. The wing "
+        "keeps ((1 + sqrt X)/2)^2 of its lift, and the moment changes by moment (1 - X). Where "
+        "drag is modelled, it increases by drag (1 - X). The lift overshoots while the angle of "
+        "attack increases and recovers late while it decreases. This hysteresis loop over the "
+        "angle of attack distinguishes separation from a nonlinear curve. A flight that stays well "
+        "below alpha_star does not show the effect. A slow approach to the stall shows the curve, "
+        "alpha_star and a1; only a quick approach and a quick recovery show the time constants."
     )
 
     @property
@@ -255,16 +271,9 @@ class FlowSeparation:
                 "by {tau1}",
             ),
             short_name="flow separation",
-            separating={
-                "moment-nonlinearity": (
-                    "the stall approached slowly and then quickly: a curve is flown through alike, "
-                    "separation lags"
-                ),
-                "lift-nonlinearity": (
-                    "the stall approached slowly and then quickly: a curve is flown through alike, "
-                    "separation lags"
-                ),
-            },
+            separating=dict.fromkeys(
+                ("moment-nonlinearity", "lift-nonlinearity"), SLOW_AND_QUICK_STALL
+            ),
             plausible={
                 "tau1": (0.01, 5.0),
                 "tau2": (-2.0, 2.0),
@@ -293,59 +302,47 @@ class FlowSeparation:
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe a grid of values about the largest angle; nothing if no wing would stall there."""
-        recorded_range = context.flown_range("alpha")
-        if (
-            recorded_range is None
-            or recorded_range[1] <= 0.0
-            or recorded_range[1] + self._from_zero_lift(context.values) < NO_STALL_BELOW
-        ):
+        """Probe a grid of values about the largest angle of attack; none if no wing would stall
+        there.
+        """
+        _, largest = context.flown_range("alpha") or (0.0, 0.0)
+        if largest <= 0.0 or largest + self._from_zero_lift(context.values) < NO_STALL_BELOW:
             return ()
         start = {item.name: item.value for item in self.parameters}
-        grid = product(SHARES, TIMES, STEEPNESS, MOMENTS)
         return tuple(
             Probe(
-                {
-                    **start,
-                    "alpha_star": share * recorded_range[1],
-                    "tau1": time,
-                    "a1": steepness,
-                    "moment": moment,
-                }
+                {**start, "alpha_star": share * largest, "tau1": tau1, "a1": a1, "moment": moment}
             )
-            for share, time, steepness, moment in grid
+            for share, tau1, a1, moment in product(ALPHA_STAR_SHARES, TAU1, A1, MOMENTS)
         )
 
     def _attached_lift(self, s: Any, vehicle: Any) -> Any:
+        """Return CL_wing, the lift coefficient of the wing in attached flow."""
         if self.total:
             return vehicle.CL_0 + vehicle.CL_V * s.V_ratio + vehicle.CL_alpha * s.alpha_air
-        return (
-            _weight_lift(vehicle.mass, vehicle.wing_area, vehicle.airspeed, vehicle.air_density)
-            + vehicle.CL_alpha * s.alpha_air
-        )
+        weight = (vehicle.mass, vehicle.wing_area, vehicle.airspeed, vehicle.air_density)
+        return _level_flight_lift(*weight) + vehicle.CL_alpha * s.alpha_air
 
     def _from_zero_lift(self, values: Mapping[str, float]) -> float:
-        """Return the angle from zero lift to the zero of alpha, rad; if it is unknown, an angle for
-        which a stall is searched.
+        """Return the angle of attack from zero lift to alpha = 0, rad.
+
+        If it is unknown, an angle is returned for which a stall is searched.
         """
         if not set(self.needs_constants) <= set(values) or values["CL_alpha"] <= 0.0:
             return NO_STALL_BELOW
         if self.total:
             return (values["CL_0"] + values["CL_V"]) / values["CL_alpha"]
-        return (
-            _weight_lift(
-                *(values[name] for name in ("mass", "wing_area", "airspeed", "air_density"))
-            )
-            / values["CL_alpha"]
-        )
+        weight = (values[name] for name in ("mass", "wing_area", "airspeed", "air_density"))
+        return float(_level_flight_lift(*weight) / values["CL_alpha"])
 
 
-def _weight_lift(mass: Any, wing_area: Any, airspeed: Any, density: Any) -> Any:
+def _level_flight_lift(mass: Any, wing_area: Any, airspeed: Any, density: Any) -> Any:
     """Return the lift coefficient of level flight."""
     return 2.0 * mass * G0 / (density * airspeed * airspeed * wing_area)
 
 
-SEPARATION_VARIANTS: tuple[Traceable, ...] = (FlowSeparation(), FlowSeparation(total=True))
-
-
-VARIANTS: tuple[Traceable, ...] = (*CURVE_VARIANTS, *SEPARATION_VARIANTS)
+VARIANTS: tuple[Traceable, ...] = (
+    *CURVE_VARIANTS,
+    FlowSeparation(),
+    FlowSeparation(total=True),
+)

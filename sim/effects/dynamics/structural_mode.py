@@ -1,7 +1,7 @@
 """One declared mode of a flexible aircraft, coupled to the rigid motion and to the other modes.
 
-It belongs to the vehicle: the vehicle's data file gives the coefficients. `elastic_mode` is for a
-mode that the declared model lacks.
+It belongs to the vehicle, whose data file gives the coefficients. The effect in `elastic_mode` is
+for a mode that the declared model lacks.
 """
 
 from __future__ import annotations
@@ -15,28 +15,27 @@ from typing import Any, ClassVar
 from sim.declaration.effect import Effect, Parameter, Regularity, Signal, Station
 from sim.errors import ModelError
 
-_OWN = 10  # number of parameters before the couplings to modes
+_UNCOUPLED = 10  # number of parameters before those of the couplings between modes
 
 
 @dataclass(frozen=True)
 class StructuralMode:
     """Mode ``number`` of a flexible aircraft: eqs. 26-30 of the simulated-flight-data paper.
 
-    CL += CL_eta eta + CL_etadot etadot c/(2V), Cm likewise, and
-    eta_ddot = -2 zeta omega etadot - omega^2 eta + rho V^2 S c/(2 M) [Ceta_alpha alpha + Ceta_q q
-    c/(2V) + Ceta_de elevator + sum_j (Ceta_etaJ eta_J + Ceta_etadotJ etadot_J c/(2V))], where alpha
-    includes the gust.
+    CL += CL_eta eta + CL_etadot etadot c/(2V), Cm likewise, and eta_ddot = -2 zeta omega etadot -
+    omega^2 eta + rho V^2 S c/(2 M) [Ceta_alpha alpha + Ceta_q q c/(2V) + Ceta_de elevator + sum_j
+    (Ceta_etaJ eta_J + Ceta_etadotJ etadot_J c/(2V))], where alpha includes the gust.
 
-    Full names of parameters have the number of the mode: ``omega1`` (rad/s), ``zeta1``,
+    Full names of parameters contain the number of the mode: ``omega1`` (rad/s), ``zeta1``,
     ``generalized_mass1`` (kg m2), ``CL_eta1``, ``Ceta1_alpha``, ``Ceta1_eta2``. By default the
-    frequency, the damping, and the couplings with the rigid motion are estimated; others are held,
-    ``Ceta1_de`` because it sets the scale of eta.
+    frequency, the damping, and the couplings with the rigid motion are estimated. The others are
+    held, ``Ceta1_de`` because it defines the scale of eta.
 
     Attributes
     ----------
     number : number of this mode, from 1.
-    modes : numbers of the modes to which it is coupled, itself included. A mode that the model
-        lacks adds nothing.
+    modes : numbers of the modes to which it is coupled, itself included. A mode that the model does
+        not have adds nothing.
     """
 
     number: int = 1
@@ -52,13 +51,14 @@ class StructuralMode:
     aliases: ClassVar[tuple[str, ...]] = ()
     needs_priors: ClassVar[bool] = True
     explanation: ClassVar[str] = (
-        "The structure bends. Each mode is an oscillator that the air drives and that changes the "
-        "lift and the moment in turn: eta_ddot = -2 zeta omega etadot - omega^2 eta + rho V^2 S "
-        "c/(2 M) (Ceta_alpha alpha + Ceta_q q c/(2V) + Ceta_de elevator + ...), CL += CL_eta eta + "
-        "CL_etadot etadot c/(2V), Cm likewise. Slow maneuvers only see derivatives that have "
-        "changed (the mode follows at once); fast ones ring at the mode's frequency. The scale of "
-        "eta is a convention: doubling it halves CL_eta and Cm_eta and doubles Ceta_alpha, Ceta_q "
-        "and Ceta_de, so one of them must be held."
+        "The structure is elastic. Each mode is an oscillator that the air drives and that changes "
+        "the lift and the moment: eta_ddot = -2 zeta omega etadot - omega^2 eta + rho V^2 S c/(2 "
+        "M) (Ceta_alpha alpha + Ceta_q q c/(2V) + Ceta_de elevator + ...), CL += CL_eta eta + "
+        "CL_etadot etadot c/(2V), Cm likewise. In slow maneuvers the mode follows at once, and "
+        "only the derivatives differ from those of the rigid aircraft. In fast maneuvers the "
+        "record oscillates at the frequency of the mode. The scale of eta is a convention: "
+        "doubling eta halves CL_eta and Cm_eta and doubles Ceta_alpha, Ceta_q and Ceta_de, so one "
+        "of them must be held."
     )
 
     def __post_init__(self) -> None:
@@ -90,8 +90,9 @@ class StructuralMode:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Parameters, with starting values of a low bending mode of a large aircraft; couplings
-        between modes start at zero.
+        """Parameters, with starting values of a low bending mode of a large aircraft.
+
+        Couplings between modes start at zero.
         """
         own = (
             Parameter("omega", 12.0, "rad/s", bounds=(0.5, 300.0)),
@@ -136,7 +137,8 @@ class StructuralMode:
         eta, etadot = getattr(s, f"eta{self.number}"), getattr(s, f"etadot{self.number}")
         half_chord_time = vehicle.chord / (2.0 * s.V)
         force = p.Ceta_alpha * s.alpha_air + p.Ceta_q * s.q_hat + p.Ceta_de * s.elevator
-        couplings = p[_OWN:]  # access by position takes a third of the time of access by name
+        # Access by position takes a third of the time of access by name.
+        couplings = p[_UNCOUPLED:]
         for (eta_j, etadot_j), by_eta, by_etadot in zip(
             _signals(self.modes), couplings[::2], couplings[1::2], strict=True
         ):

@@ -1,15 +1,15 @@
-"""General forms: a parameter of the equations that is a smooth curve of a state, an input or the
+"""General forms of nonlinearity: a parameter that is a smooth curve of a state, an input or the
 airspeed; and a term that an aerodynamic coefficient of the declared aircraft lacks.
 
 P. C. Young calls the former a state-dependent parameter (Recursive Estimation and Time-Series
-Analysis, 2nd ed., chapter 11). Instances are made from the declaration: for each parameter that
-multiplies a signal (``factors``), over each state, control and recorded airspeed. An instance that
-equals an effect with a name of its own is not made; ``other_names`` has its name.
+Analysis, 2nd ed., chapter 11). Instances are made from the declaration: one for each parameter that
+multiplies a signal (``factors``), over each state, control and recorded airspeed. If a named effect
+has the same curve, no instance is made; `other_names` then maps its name to the named effect.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -27,38 +27,59 @@ from sim.aerodynamics import (
 from sim.declaration.effect import (
     Parameter,
     Regularity,
-    Signal,
     Station,
-    constants_needed,
-    ports_needed,
 )
 from sim.declaration.model import Equations, Multiplying
-from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.declaration.proposal import SearchContext, Traceable, Traits
 from sim.declaration.user_equations import OwnEquations
 from sim.effects.dynamics.atmosphere import DensityScaleHeight, DragMach
 from sim.effects.dynamics.control_nonlinearity import CURVE_VARIANTS as CURVED_CONTROLS
 from sim.effects.dynamics.control_nonlinearity import ControlNonlinearity
 from sim.effects.dynamics.load_nonlinearity import CURVE_VARIANTS as CURVED_LOADS
-from sim.effects.instances import BEYOND_PRODUCTS, controls
-from sim.effects.loads import MULTIPLIED, LoadCurve
+from sim.effects.instances import (
+    ProbedAtAbsence,
+    WithoutStates,
+    controls,
+    has_its_constants_and_ports,
+)
+from sim.effects.loads import LoadCurve
 from sim.maths import Shapes, combine, first_shapes, natural_shapes, shape_names
 
-# Numbers of shapes: slope and curvature; all of five intervals, as in named curves; of ten.
+# Signal that a derivative of the built-in models multiplies, by the suffix of its name.
+MULTIPLIED = {
+    "alpha": "alpha",
+    "q": "q",
+    "V": "airspeed",
+    "beta": "beta",
+    "p": "p",
+    "r": "r",
+    "de": "elevator",
+    "da": "aileron",
+    "dr": "rudder",
+    "delta": "delta",
+}
+# Numbers of shapes of the forms: slope and curvature; all shapes of a spline of five intervals, as
+# in named curves; all shapes of ten intervals.
 FORMS = (2, 5, 10)
+# Advice: how to fly to distinguish two instances.
+BEYOND_PRODUCTS = (
+    "both signals moved far, together and one after the other: as long as a derivative grows "
+    "evenly with a signal, a record shows only the product of two signals, whichever of the two "
+    "derivatives it is"
+)
 AIRSPEED_CHANGE = "airspeed_change"  # port of a recorded airspeed minus its mean
 AIRSPEED = "airspeed"  # name of that channel
 CURVES = (*CURVED_CONTROLS, *CURVED_LOADS)
-# In a fall, altitude and speed change together: a ballistic coefficient over altitude is the air's
-# density, over speed the drag over Mach number.
-OF_A_FALL: Mapping[tuple[str, str], Traceable] = {
+# Named effects of a falling body. Altitude and speed change together in a fall: a ballistic
+# coefficient over altitude is the density of the air, over speed the drag over the Mach number.
+EFFECTS_OF_A_FALL: Mapping[tuple[str, str], Traceable] = {
     ("beta", "altitude"): DensityScaleHeight(),
     ("beta", "velocity"): DragMach(),
 }
-# A usual change of a coefficient's derivatives; by the rates they are several times larger. Of the
-# low-order equivalent by name.
+# Usual changes of the derivatives of a coefficient. Derivatives by rates are several times larger.
 _USUAL = {"CL": 0.8, "Cm": 0.3, "CD": 0.1, "CY": 0.2, "Cl": 0.06, "Cn": 0.04}
 _BY_RATE = {"q": 20.0, "p": 5.0, "r": 5.0}
-# Dimensional derivatives: of a low-order equivalent system, then of a multirotor.
+# Usual changes of dimensional derivatives: of a low-order equivalent system, then of a multirotor.
 _USUAL_DIMENSIONAL = {
     "L_alpha": 0.4,
     "M_alpha": 3.0,
@@ -76,26 +97,27 @@ _USUAL_DIMENSIONAL = {
 
 
 @dataclass(frozen=True)
-class Varies:
+class Varies(ProbedAtAbsence):
     """A parameter that depends on a signal: ``parameter`` += f(signal).
 
     f is a natural cubic spline over ``[low, high]`` that is zero at an anchor, where the parameter
-    has its declared value: at zero if the range contains it, else at the middle of the range. f =
-    ``shape1`` times a straight line + ``shape2`` times nearly a parabola. Refined forms have all
-    shapes of a spline of five intervals, as named curves have, and of ten (`sim.maths`). Shapes are
-    orthonormal: each parameter of f is the root mean square that its shape adds over the range, in
-    the unit of the varying parameter. Outside the range f is linear.
+    has its declared value. The anchor is zero if the range contains it, else the middle of the
+    range. Outside the range f is linear. f = ``shape1`` times a straight line + ``shape2`` times
+    nearly a parabola. Refined forms have all shapes of a spline of five intervals, as named curves
+    have, and of ten (`sim.maths`). Shapes are orthonormal: each parameter of f is the root mean
+    square that its shape adds over the range, in the unit of the varying parameter.
 
     Attributes
     ----------
     parameter, counted_in : name and unit of the varying parameter.
-    over : name of the signal on the bus.
-    called : name of the signal for users, if another one.
-    gust : port that adds to the signal; empty without one.
+    over : name of the signal in the equations.
+    called : name of the signal for users, if it is another one.
+    gust : port whose value adds to the signal; empty without one.
     state : whether the signal is a state.
-    size : a usual change.
-    guessed : whether nothing is known of ``size``, as in a user's model.
-    alike : name of the instance with the same product of two signals.
+    size : usual change of the parameter.
+    guessed : whether ``size`` is a guess, as for a user model.
+    alike : name of the instance whose straight line is the same product of two signals; empty
+        without one.
     low, high : range of the signal in the records.
     count : number of shapes, one of ``FORMS``.
     """
@@ -128,13 +150,13 @@ class Varies:
     def explanation(self) -> str:
         signal = self.called or self.over
         return (
-            f"{self.parameter} is no constant but a smooth curve of {signal}: {self.parameter} = "
-            f"{self.parameter} + f({signal}), f a natural "
-            "cubic spline over the range flown that is zero at zero, or in the middle of a range "
-            "that does not hold zero. It is the general form of all nonlinearities, of any "
-            "derivative over any state, input or airspeed, and is asked for only where no effect "
-            "with a cause of its own explains the records. Even growth alone is the product of two "
-            "signals, which two derivatives share: what bends tells which it is."
+            f"{self.parameter} varies with {signal}: the parameter is a smooth curve, "
+            f"{self.parameter} = declared value + f({signal}). f is a natural cubic spline over "
+            "the range flown. It is zero at zero, or in the middle of a range that does not "
+            "contain zero. This is the general form of all nonlinearities, for any derivative over "
+            "any state, input or airspeed. It is offered only if no effect with a cause of its own "
+            "explains the records. If f is a straight line, the product of two signals may belong "
+            "to either of two derivatives; only the curvature of f distinguishes them."
         )
 
     @property
@@ -194,13 +216,13 @@ class Varies:
     def fitted_to(self, context: SearchContext) -> Varies:
         """Return the effect over the range of the records.
 
-        The usual change is at least the declared value; a guessed one is replaced by it.
+        The usual change is at least the declared value. A guessed one is replaced by the declared
+        value, because results would otherwise depend on the unit.
         """
         low, high = context.flown_range(self.over) or (self.low, self.high)
         if not high > low:
             low, high = self.low, self.high
         declared = abs(context.values.get(self.parameter, 0.0))
-        # A guessed size of one would make results depend on the unit.
         return replace(
             self,
             low=low,
@@ -211,10 +233,6 @@ class Varies:
     def finer(self) -> Varies:
         """Return the next refined form, with more shapes."""
         return replace(self, count=min((n for n in FORMS if n > self.count), default=FORMS[-1]))
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the slopes by all shapes at absence."""
-        return (Probe(self.absent, self._names),)
 
 
 def name_of(parameter: str, signal: str) -> str:
@@ -227,9 +245,9 @@ def curve_made_for(equations: Equations) -> tuple[Varies, ...]:
     recorded airspeed, unless a named effect has this curve.
     """
     if isinstance(equations, OwnEquations) and equations.terms:
-        return ()  # `missing terms` cover these equations
+        return ()  # the effects `missing-term` cover these equations
     named = other_names(equations)
-    made = {effect.name: effect for effect in _every(equations) if effect.name not in named}
+    made = {effect.name: effect for effect in _all_instances(equations) if effect.name not in named}
     return tuple(
         replace(effect, alike=effect.alike if effect.alike in made else "")
         for effect in made.values()
@@ -238,24 +256,19 @@ def curve_made_for(equations: Equations) -> tuple[Varies, ...]:
 
 def other_names(equations: Equations) -> Mapping[str, str]:
     """Return the names of instances that equal a named effect, with the name of that effect."""
-    ports, parameter_names = {port.name for port in equations.ports}, {*equations.parameter_names}
     curves = [
-        *(((derivative, signal), curve) for curve in CURVES for derivative, signal in _bent(curve)),
-        *OF_A_FALL.items(),
+        *((key, curve) for curve in CURVES for key in _parameters_and_signals(curve)),
+        *EFFECTS_OF_A_FALL.items(),
     ]
-    fitting = [
-        (key, c)
-        for key, c in curves
-        if ports.issuperset(ports_needed(c)) and parameter_names.issuperset(constants_needed(c))
-    ]
-    offered = {effect.name for effect in _every(equations)}
+    fitting = [(key, c) for key, c in curves if has_its_constants_and_ports(c, equations)]
+    offered = {effect.name for effect in _all_instances(equations)}
     return {
         name: curve.name for key, curve in reversed(fitting) if (name := name_of(*key)) in offered
     }
 
 
-def _bent(curve: Traceable) -> tuple[tuple[str, str], ...]:
-    """Return the pairs of derivative and signal that a named effect makes nonlinear."""
+def _parameters_and_signals(curve: Traceable) -> tuple[tuple[str, str], ...]:
+    """Return the pairs of parameter and signal for which a named effect has the curve."""
     if isinstance(curve, LoadCurve):
         return ((curve.needs_constants[0], curve.flown),)
     return (
@@ -265,7 +278,7 @@ def _bent(curve: Traceable) -> tuple[tuple[str, str], ...]:
     )
 
 
-def _every(equations: Equations) -> Iterator[Varies]:
+def _all_instances(equations: Equations) -> Iterator[Varies]:
     """Yield an instance for each parameter that multiplies a signal, over each signal."""
     factors = equations.factors if isinstance(equations, Multiplying) else {}
     own, ports = isinstance(equations, OwnEquations), {port.name for port in equations.ports}
@@ -290,7 +303,7 @@ def _every(equations: Equations) -> Iterator[Varies]:
     for parameter, unit in factors.items():
         for over, called, state in signals:
             gust = "gust" if over == angle and "gust" in ports and not own else ""
-            alike = "" if own else _same_product(parameter, called, factors)
+            alike = "" if own else _instance_with_same_product(parameter, called, factors)
             size = 1.0 if own else _usual(parameter)
             yield Varies(
                 parameter,
@@ -305,7 +318,7 @@ def _every(equations: Equations) -> Iterator[Varies]:
             )
 
 
-def _same_product(parameter: str, signal: str, factors: Mapping[str, str]) -> str:
+def _instance_with_same_product(parameter: str, signal: str, factors: Mapping[str, str]) -> str:
     """Return the name of the instance with the same product of two signals; empty without one.
 
     For ``Cl_p(beta)`` it is ``Cl_beta(p)``.
@@ -322,19 +335,25 @@ def _usual(parameter: str) -> float:
     return _USUAL_DIMENSIONAL.get(parameter) or _USUAL.get(axis, 1.0) * _BY_RATE.get(by, 1.0)
 
 
-CURVE_VARIANTS: tuple[Varies, ...] = (Varies(),)
-
-
-# Large coefficients and signals in maneuvers. The usual size of a term is SHARE of its coefficient.
-REACHED = {"CX": 0.1, "CY": 0.2, "CZ": 1.0, "CD": 0.1, "CL": 1.0, "Cl": 0.02, "Cm": 0.1, "Cn": 0.02}
-FLOWN = {"alpha": 0.1, "beta": 0.1, "mach": 0.1, "p": 0.03, "q": 0.01, "r": 0.01}
-DEFLECTED = 0.1  # large deflection
-SHARE = 0.1
+# Large coefficients and signals in maneuvers.
+LARGE_COEFFICIENT = {
+    "CX": 0.1,
+    "CY": 0.2,
+    "CZ": 1.0,
+    "CD": 0.1,
+    "CL": 1.0,
+    "Cl": 0.02,
+    "Cm": 0.1,
+    "Cn": 0.02,
+}
+LARGE_SIGNAL = {"alpha": 0.1, "beta": 0.1, "mach": 0.1, "p": 0.03, "q": 0.01, "r": 0.01}
+LARGE_DEFLECTION = 0.1
+USUAL_SHARE = 0.1  # usual size of a missing term, as a share of the large coefficient
 
 
 @dataclass(frozen=True)
-class MissingTerm:
-    """A term that an aerodynamic coefficient lacks: coefficient += size term.
+class MissingTerm(WithoutStates, ProbedAtAbsence):
+    """A term that an aerodynamic coefficient lacks: coefficient += ``size`` times the term.
 
     ``size`` is per radian and of either sign; rates are non-dimensional.
 
@@ -342,7 +361,7 @@ class MissingTerm:
     ----------
     axis : the coefficient, a port of the equations.
     term : text of the term (`sim.aerodynamics`).
-    surfaces : names of further signals in terms.
+    surfaces : names of the control surfaces, which terms may contain.
     """
 
     axis: str
@@ -352,13 +371,13 @@ class MissingTerm:
     station: ClassVar[Station] = Station.DYNAMICS
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"size": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
-    states: ClassVar[tuple[Signal, ...]] = ()
     aliases: ClassVar[tuple[str, ...]] = ()
     explanation: ClassVar[str] = (
-        "The aerodynamic model lacks a term: coefficient += size * term, for example Cm += size "
-        "alpha*elevator, an elevator that loses its effect at high angles of attack. Such a term "
-        "moves all outputs together, as any load does, and obeys the kinematics; it grows with the "
-        "product of the signals that it is made of. flightid structure finds several at once."
+        "A coefficient lacks a term: coefficient += size * term, for example Cm += size "
+        "alpha*elevator for an elevator that loses its effect at high angles of attack. Such a "
+        "term changes all outputs together, as any load does, and the motion obeys the kinematics. "
+        "It grows with the product of the signals in the term. The command flightid structure "
+        "finds several terms at once."
     )
 
     @property
@@ -376,9 +395,9 @@ class MissingTerm:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        size = SHARE * REACHED[self.axis]
+        size = USUAL_SHARE * LARGE_COEFFICIENT[self.axis]
         for factor in self.parsed.factors:
-            size /= FLOWN.get(factor.signal, DEFLECTED) ** factor.power
+            size /= LARGE_SIGNAL.get(factor.signal, LARGE_DEFLECTION) ** factor.power
         unit = self.parsed.unit({*FLOW, *self.surfaces} - {"mach"})
         return (Parameter("size", size, unit),)
 
@@ -389,26 +408,17 @@ class MissingTerm:
             short_name=f"{self.axis} lacks {self.term}",
         )
 
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the slope by the size at absence."""
-        return (Probe(self.absent, ("size",)),)
-
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         values = {name: getattr(s, AS_TERM + name) for name in self.parsed.signals}
         return {self.axis: p.size * self.parsed.of(values)}
 
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
-
-
-TERM_VARIANTS: tuple[Traceable, ...] = (MissingTerm("Cm", "alpha^3"),)
-
 
 def term_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return terms that the symmetry of an aircraft allows in a coefficient: linear ones, squares
-    and products of two signals, cubes of the air angles.
+    """Return the missing terms that the symmetry of an aircraft allows in its coefficients: linear
+    terms, squares, products of two signals, and cubes of the air angles.
 
-    A surface belongs to the motion whose coefficients have it in the vehicle file.
+    A control surface belongs to the longitudinal or the lateral motion, according to the
+    coefficients that have it in the vehicle file.
     """
     if not isinstance(equations, OwnEquations) or not equations.terms:
         return ()
@@ -420,18 +430,17 @@ def term_made_for(equations: Equations) -> tuple[Traceable, ...]:
     for axis, text in equations.terms:
         present.setdefault(axis, set()).add(parse_term(text, (*FLOW, *surfaces)))
     along, across = sorted_surfaces(present, surfaces)
-    result = []
-    for axis, terms in present.items():
-        inside = axis in IN_SYMMETRY
-        for term in allowed_terms(along, across, symmetric=inside):
-            if term not in terms and (axis, term.text) != ("Cm", "alpha^3"):
-                result.append(MissingTerm(axis, term.text, surfaces))
-    return tuple(result)
+    return tuple(
+        MissingTerm(axis, term.text, surfaces)
+        for axis, terms in present.items()
+        for term in allowed_terms(along, across, symmetric=axis in IN_SYMMETRY)
+        if term not in terms and (axis, term.text) != ("Cm", "alpha^3")  # of ``VARIANTS``
+    )
 
 
-VARIANTS: tuple[Traceable, ...] = (*CURVE_VARIANTS, *TERM_VARIANTS)
+VARIANTS: tuple[Traceable, ...] = (Varies(), MissingTerm("Cm", "alpha^3"))
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return the instances of this file that ``VARIANTS`` lacks."""
+    """Return the instances of both effects for given equations."""
     return (*curve_made_for(equations), *term_made_for(equations))

@@ -1,7 +1,7 @@
-"""Catch-all terms (guards): loads that no effect of the library has.
+"""Catch-all terms (guards): loads and readings that no effect of the library has.
 
-They compete like effects; if one is the most probable, nothing is claimed, since the cause is
+They compete like effects. If one is the most probable, nothing is claimed, since the cause is
 unknown. A file has ``GUARDS``, whose names begin with ``guard:`` and whose traits have
-``guard=True``. ``made_for(equations)`` of a file makes those of a user's model from its
-declaration. No file imports another effect.
+``guard=True``. Its function ``made_for(equations)``, if it exists, makes the terms of a user model.
+No file imports another effect.
 """

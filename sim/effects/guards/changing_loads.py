@@ -1,5 +1,5 @@
-"""Catch-all terms: damping that depends on amplitude, drifting derivatives and drag, elevator drag,
-and loads with hysteresis.
+"""Catch-all terms: damping that depends on amplitude, derivatives and drag that drift, elevator
+drag, and loads with hysteresis.
 """
 
 from __future__ import annotations
@@ -11,23 +11,20 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
-from sim.effects.instances import all_labelled, labelled
-from sim.effects.loads import LOADS, SizedOnPorts, load_parameters
+from sim.effects.instances import ProbedAtAbsence, WithoutStates, all_labelled, labelled
+from sim.effects.loads import LOADS, NO_CAUSE, SizedOnPorts, load_parameters
 from sim.maths import absolute
-
-_NO_CAUSE = (
-    "No cause of the library stands behind it. Where it explains a record better than every effect "
-    "does, the cause is none of them."
-)
 
 
 @dataclass(frozen=True)
-class DampingCurve(SizedOnPorts):
+class DampingCurve(SizedOnPorts, WithoutStates, ProbedAtAbsence):
     """Damping that depends on amplitude: lift += ``lift`` r |r|, moment += ``moment`` r |r|.
+
+    r is an angular rate.
 
     Attributes
     ----------
-    rate : the signal r of the equations.
+    rate : signal r in the equations.
     units, sizes : units and usual sizes of the loads, by port.
     needs_constants : constants that the equations must have.
     ports : load ports that the effect adds to; its size parameters have their names.
@@ -44,11 +41,9 @@ class DampingCurve(SizedOnPorts):
     station: ClassVar[Station] = Station.DYNAMICS
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
-    states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (
-        "A generic term: damping grows with the size of the rate, CL += lift q |q| and Cm += "
-        "moment q |q|, q non-dimensional; of roll and yaw "
-        f"alike. {_NO_CAUSE}"
+        "A generic term: damping increases with the size of the rate: CL += lift q |q| and Cm "
+        f"+= moment q |q|, with non-dimensional q; for roll and yaw likewise. {NO_CAUSE}"
     )
 
     @property
@@ -68,25 +63,20 @@ class DampingCurve(SizedOnPorts):
         curve = rate * absolute(rate)
         return {port: getattr(p, port) * curve for port in self.ports}
 
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the slopes by both sizes at absence."""
-        return (Probe(self.absent, self.ports),)
-
 
 @dataclass(frozen=True)
-class DriftingDerivatives:
+class DriftingDerivatives(WithoutStates, ProbedAtAbsence):
     """Derivatives that drift: moment += (t - begin) (``stability`` alpha + ``control`` d), lift +=
     (t - begin) ``slope`` alpha.
 
+    d is the deflection of a control.
+
     Attributes
     ----------
-    control_signal : the signal d of the control.
+    control_signal : signal d in the equations.
     units, sizes : units and usual sizes of stability, control and slope.
     needs_constants : constants that the equations must have.
-    begin : time at which the declared derivatives hold, s.
+    begin : time at which the derivatives have their declared values, s.
     ports : ports of lift and moment, or of side force and yawing or rolling moment.
     angle : signal of alpha or beta.
     label : suffix of the effect's name, where there are several groups of derivatives.
@@ -106,12 +96,11 @@ class DriftingDerivatives:
         {"stability": 0.0, "control": 0.0, "slope": 0.0}
     )
     regularity: ClassVar[Regularity] = Regularity.REGULAR
-    states: ClassVar[tuple[Signal, ...]] = ()
     traits: ClassVar[Traits] = Traits(per_record=True, guard=True)
     explanation: ClassVar[str] = (
-        "A generic term: stability, control power and lift slope grow or shrink steadily with "
-        "time, each at a rate of its own, as where fuel "
-        f"moves or ice grows. {_NO_CAUSE}"
+        "A generic term: stability, control power and lift slope change steadily with time, "
+        "each at its own rate: Cm += (t - begin) (stability alpha + control d), CL += (t - "
+        f"begin) slope alpha. Causes are fuel that moves or ice that grows. {NO_CAUSE}"
     )
 
     @property
@@ -140,95 +129,47 @@ class DriftingDerivatives:
         moment = p.stability * angle + p.control * getattr(s, self.control_signal)
         return {self.ports[1]: since * moment, self.ports[0]: since * p.slope * angle}
 
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
-
     def fitted_to(self, context: SearchContext) -> DriftingDerivatives:
-        """Return the effect with the declared derivatives at the begin of the record."""
+        """Return the effect whose derivatives have their declared values at the begin of the
+        record.
+        """
         return replace(self, begin=context.begin)
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the slopes by all sizes at absence."""
-        return (Probe(self.absent, tuple(self.absent)),)
-
-
-_PER_SECOND = ("1/(rad s)", "1/(rad s)", "1/(rad s)")
-CHANGING_LOADS: tuple[Traceable, ...] = (
-    DampingCurve("q_hat", ("1/rad2", "1/rad2"), (500.0, 500.0), ("Cm_de",)),
-    DampingCurve("q", ("1/rad", "1/rad"), (0.3, 5.0), ("M_delta",)),
-    DriftingDerivatives(
-        "elevator", ("1/(rad s)", "1/(rad s)", "1/(rad s)"), (0.02, 0.02, 0.05), ("Cm_de",)
-    ),
-    DriftingDerivatives("delta", ("1/s3", "1/s3", "1/s2"), (0.1, 0.02, 0.02), ("M_delta",)),
-    DampingCurve("p_hat", ("1/rad2", "1/rad2"), (-0.5, -3.0), ("Cn_dr",), ("yaw", "roll"), "p"),
-    DampingCurve("r_hat", ("1/rad2", "1/rad2"), (1.0, -3.0), ("Cn_dr",), ("roll", "yaw"), "r"),
-    DriftingDerivatives(
-        "rudder",
-        _PER_SECOND,
-        (0.002, 0.002, 0.01),
-        ("Cn_dr",),
-        0.0,
-        ("side_force", "yaw"),
-        "beta_air",
-        "yaw",
-    ),
-    DriftingDerivatives(
-        "aileron",
-        _PER_SECOND,
-        (0.002, 0.002, 0.01),
-        ("Cn_dr",),
-        0.0,
-        ("side_force", "roll"),
-        "beta_air",
-        "roll",
-    ),
-)
 
 
 @dataclass(frozen=True)
-class ControlDrag:
-    """Elevator drag: drag += ``drag`` elevator, a total deflection; ``drag`` is CD_de, 1/rad.
+class ControlDrag(WithoutStates, ProbedAtAbsence):
+    """Elevator drag: drag += ``drag`` elevator, where the elevator is a total deflection.
 
-    Both elevator drag and an axial accelerometer above or below the centre of gravity, which reads
-    the pitch acceleration, make nx respond to the elevator at once. Without this term, elevator
-    drag would be reported as a sensor position.
+    ``drag`` is CD_de, 1/rad. Elevator drag makes nx respond to the elevator at once. So does an
+    axial accelerometer above or below the centre of gravity, which reads the pitch acceleration.
+    Without this term, elevator drag would be reported as a sensor position.
     """
 
     name: ClassVar[str] = "guard:control-drag"
     station: ClassVar[Station] = Station.DYNAMICS
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
-    states: ClassVar[tuple[Signal, ...]] = ()
     needs: ClassVar[tuple[str, ...]] = ("drag",)
     needs_constants: ClassVar[tuple[str, ...]] = ("Cm_de", "reference_airspeed")
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("drag", 0.1, "1/rad"),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"drag": 0.0})
     traits: ClassVar[Traits] = Traits(guard=True)
     explanation: ClassVar[str] = (
-        "A generic term: drag grows with the elevator. No cause of the library stands behind it. "
-        "Where it explains a record better than every effect does, the cause is none of them: the "
-        "longitudinal equations have no drag of the controls."
+        "A generic term: drag increases with the elevator: CD += drag elevator. The "
+        f"longitudinal equations have no drag of the controls. {NO_CAUSE}"
     )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {"drag": p.drag * s.elevator}
 
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the slope by the size at absence."""
-        return (Probe(self.absent, ("drag",)),)
-
-
-CONTROL_DRAG: tuple[Traceable, ...] = (ControlDrag(),)
-
 
 @dataclass(frozen=True)
-class DragDrift:
+class DragDrift(WithoutStates, ProbedAtAbsence):
     """Drifting drag: log drag += ``rate`` (t - begin), with ``rate`` in 1/s.
 
-    ``begin`` is the time at which beta holds, s.
+    Attributes
+    ----------
+    begin : time at which the ballistic coefficient beta has its declared value, s.
     """
 
     begin: float = 0.0
@@ -242,44 +183,31 @@ class DragDrift:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"rate": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ("density-scale-height", "drag-mach")
-    states: ClassVar[tuple[Signal, ...]] = ()
     traits: ClassVar[Traits] = Traits(guard=True)
     explanation: ClassVar[str] = (
-        "A generic term: the drag of a falling body grows or shrinks steadily with time, drag = "
-        "exp(rate (t - begin)) * 0.5 rho v^2 / beta. No cause of the library stands behind it. "
-        "Where it explains a record better than every effect does, the cause is none of them."
+        "A generic term: the drag of a falling body changes steadily with time: drag = "
+        f"exp(rate (t - begin)) * 0.5 rho v^2 / beta. {NO_CAUSE}"
     )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {"log_drag": p.rate * (s.time - self.begin)}
 
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
-
     def fitted_to(self, context: SearchContext) -> DragDrift:
-        """Return the effect with the declared beta at the begin of the record."""
+        """Return the effect whose beta has its declared value at the begin of the record."""
         return replace(self, begin=context.begin)
 
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the slope by the size at absence."""
-        return (Probe(self.absent, ("rate",)),)
 
-
-DRAG_DRIFT: tuple[Traceable, ...] = (DragDrift(),)
-
-
-WIDTHS = (0.005, 0.02, 0.06)  # rad, trial values, from friction to the size of a maneuver
+WIDTHS = (0.005, 0.02, 0.06)  # rad, trial values: from friction to the size of a maneuver
 
 
 @dataclass(frozen=True)
 class Hysteresis(SizedOnPorts):
     """Loads with hysteresis: lift += ``lift`` memory, moment += ``moment`` memory.
 
-    The memory follows memory_dot = (rate - |rate| memory)/``width``.
-
-    This is Dahl's law of friction and of rate-independent hysteresis: the memory tends to the sign
-    of the ``rate``, rad/s, over a rotation of ``width``, rad, and is constant at rest. A narrow
-    width represents friction; a wide one late reattachment of the flow, or a sliding load.
+    The memory is a state with memory_dot = (rate - |rate| memory)/``width``. This is Dahl's law of
+    friction and of rate-independent hysteresis. The memory tends to the sign of the ``rate``,
+    rad/s, over a rotation of ``width``, rad, and is constant at rest. A small width represents
+    friction; a large one represents late reattachment of the flow, or a sliding load.
 
     Attributes
     ----------
@@ -300,14 +228,14 @@ class Hysteresis(SizedOnPorts):
     regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = (
-        Signal("memory", "1", "which way the motion went last, -1 to 1"),
+        Signal("memory", "1", "direction of the last motion, -1 to 1"),
     )
     traits: ClassVar[Traits] = Traits(guard=True)
     explanation: ClassVar[str] = (
-        "A generic term: lift and moment differ by which way the nose went last, whatever its "
-        "pace, as with friction, flow that attaches later than it left, or a load that slides. No "
-        "cause of the library stands behind it. Where it explains a record better than every "
-        "effect does, the cause is none of them."
+        "A generic term: lift and moment depend on the direction of the last rotation, at any "
+        "speed of rotation: CL += lift memory, Cm += moment memory, with a memory from -1 to "
+        "1. Causes are friction, flow that reattaches later than it separated, or a load that "
+        f"slides. {NO_CAUSE}"
     )
 
     @property
@@ -329,11 +257,29 @@ class Hysteresis(SizedOnPorts):
         return tuple(Probe({"width": width, **self.absent}, self.ports) for width in WIDTHS)
 
 
-HYSTERESIS: tuple[Traceable, ...] = (
+_PER_SECOND = ("1/(rad s)", "1/(rad s)", "1/(rad s)")
+GUARDS: tuple[Traceable, ...] = (
+    DampingCurve("q_hat", ("1/rad2", "1/rad2"), (500.0, 500.0), ("Cm_de",)),
+    DampingCurve("q", ("1/rad", "1/rad"), (0.3, 5.0), ("M_delta",)),
+    DriftingDerivatives("elevator", _PER_SECOND, (0.02, 0.02, 0.05), ("Cm_de",)),
+    DriftingDerivatives("delta", ("1/s3", "1/s3", "1/s2"), (0.1, 0.02, 0.02), ("M_delta",)),
+    DampingCurve("p_hat", ("1/rad2", "1/rad2"), (-0.5, -3.0), ("Cn_dr",), ("yaw", "roll"), "p"),
+    DampingCurve("r_hat", ("1/rad2", "1/rad2"), (1.0, -3.0), ("Cn_dr",), ("roll", "yaw"), "r"),
+    *(
+        DriftingDerivatives(
+            control,
+            _PER_SECOND,
+            (0.002, 0.002, 0.01),
+            ("Cn_dr",),
+            ports=("side_force", moment),
+            angle="beta_air",
+            label=moment,
+        )
+        for control, moment in (("rudder", "yaw"), ("aileron", "roll"))
+    ),
+    ControlDrag(),
+    DragDrift(),
     Hysteresis(("1", "1"), (0.01, 0.005), ("Cm_de", "airspeed")),
     Hysteresis(("1/s", "1/s2"), (0.01, 0.1), ("M_delta",)),
     Hysteresis(("1", "1"), (0.01, 0.005), ("Cm_de", "reference_airspeed")),
 )
-
-
-GUARDS: tuple[Traceable, ...] = (*CHANGING_LOADS, *CONTROL_DRAG, *DRAG_DRIFT, *HYSTERESIS)

@@ -1,5 +1,5 @@
 """Catch-all terms: loads that lag a state, oscillate at one frequency, or are products of two
-signals; and a vane behind the centre of gravity, also read as an accelerometer ahead of it.
+signals; and a vane behind the centre of gravity.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.declaration.user_equations import OwnEquations
 from sim.effects.instances import (
+    ProbedAtAbsence,
+    WithoutStates,
     all_labelled,
     controls,
     further_inputs,
@@ -22,19 +24,27 @@ from sim.effects.instances import (
     per_unit,
     ports_without,
 )
-from sim.effects.loads import LOADS, SizedOnPorts, at_arm, load_parameters
+from sim.effects.loads import (
+    LOADS,
+    NO_CAUSE,
+    DisplacedVane,
+    SizedOnPorts,
+    in_words,
+    load_parameters,
+)
 from sim.maths import cos, once_for_alike
 
-LAGS = (0.05, 0.15, 0.5, 1.5)  # s, trial values about the time of the short period
+LAGS = (0.05, 0.15, 0.5, 1.5)  # s, trial values, below and above usual short-period times
+# Effects on an input that make the loads late as well.
 LOOKS_LATE = ("actuator-lag", "input-delay")
 
 
 @dataclass(frozen=True)
 class LaggedLoads(SizedOnPorts):
-    """Loads that lag an angle: late_dot = (angle - late)/``lag``, lift += ``lift`` (angle - late),
-    moment += ``moment`` (angle - late).
+    """Loads that lag a signal: late_dot = (signal - late)/``lag``, lift += ``lift`` (signal -
+    late), moment += ``moment`` (signal - late).
 
-    This is the first-order model of unsteady aerodynamics: loads overshoot or build up with the
+    This is the first-order model of unsteady aerodynamics. The loads overshoot or build up with the
     time constant ``lag``, s. With a short lag it equals a derivative by alpha_dot, whose effect the
     declared derivatives include.
 
@@ -43,12 +53,12 @@ class LaggedLoads(SizedOnPorts):
     units, sizes : units and usual sizes of the loads, by port.
     needs_constants : constants that the equations must have.
     ports : load ports that the effect adds to; its size parameters have their names.
-    angle : signal that the loads lag.
+    angle : signal that the loads lag, an angle or any state.
     aliases : effects that a record may not distinguish from this one.
-    total : whether the signal is a total. It then counts from ``middle``, the middle of its range,
-        so that the loads do not begin with a jump.
-    flown, counted_in : state behind the signal, and its unit.
-    of : suffix of the effect's name, where there are such terms for several states.
+    total : whether the signal is a total value. It is then counted from ``middle``, the middle of
+        its range, so that the loads do not begin with a jump.
+    flown, counted_in : name and unit of the state whose value the signal is.
+    of : suffix of the effect's name, if there are such terms for several states.
     """
 
     units: tuple[str, ...]
@@ -73,22 +83,21 @@ class LaggedLoads(SizedOnPorts):
 
     @property
     def states(self) -> tuple[Signal, ...]:
-        return (Signal(self._late, self.counted_in, f"{self.flown}, late"),)
+        return (Signal(self._late_state, self.counted_in, f"{self.flown}, late"),)
 
     @property
-    def _late(self) -> str:
-        """Name of the state; for one of several states a name that no user's signal can have."""
+    def _late_state(self) -> str:
+        """Name of the state; one of several has a name that no user's signal can have."""
         return f"{self.of}, late" if self.of else "late_angle"
 
     @property
     def explanation(self) -> str:
-        loads = " and ".join(port.replace("_", " ") for port in self.ports)
+        several = len(self.ports) > 1
         return (
-            f"A generic term: {loads} take{'' if len(self.ports) > 1 else 's'} time to follow "
-            f"{self.flown}: each += size ({self.flown} - late) with "
-            f"late_dot = ({self.flown} - late)/lag. No cause of the library stands behind it. "
-            "Where it explains a record better than every effect "
-            "does, the cause is none of them."
+            f"A generic term: {in_words(self.ports)} "
+            f"follow{'' if several else 's'} {self.flown} with a lag: the port {self.ports[-1]} += "
+            f"size ({self.flown} - late) with late_dot = ({self.flown} - late)/lag"
+            f"{', the other port likewise' if several else ''}. {NO_CAUSE}"
         )
 
     @property
@@ -97,24 +106,22 @@ class LaggedLoads(SizedOnPorts):
         return (Parameter("lag", 0.3, "s", bounds=(0.01, 20.0)), *loads)
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
-        ahead = self._angle(s) - getattr(s, self._late)
+        ahead = self._angle(s) - getattr(s, self._late_state)
         return {port: getattr(p, port) * ahead for port in self.ports}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ((self._angle(s) - getattr(s, self._late)) / p.lag,)
+        return ((self._angle(s) - getattr(s, self._late_state)) / p.lag,)
 
     def _angle(self, s: Any) -> Any:
         angle = getattr(s, self.angle)
         return angle - self.middle if self.total else angle
 
     def fitted_to(self, context: SearchContext) -> LaggedLoads:
-        """Return the effect; total angles count from the middle of the record's range."""
-        recorded_range = context.flown_range(self.flown)
-        return (
-            replace(self, middle=0.5 * (recorded_range[0] + recorded_range[1]))
-            if self.total and recorded_range
-            else self
-        )
+        """Return the effect; total values are counted from the middle of the record's range."""
+        recorded = context.flown_range(self.flown)
+        if not self.total or recorded is None:
+            return self
+        return replace(self, middle=0.5 * (recorded[0] + recorded[1]))
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Probe all loads at some lags."""
@@ -152,14 +159,8 @@ def lagged_made_for(equations: Equations) -> tuple[Traceable, ...]:
     """
     if not isinstance(equations, OwnEquations):
         return ()
-    looks = (
-        tuple(
-            name
-            for signal, label in further_inputs(equations)
-            for name in all_labelled(LOOKS_LATE, label)
-        )
-        or LOOKS_LATE
-    )
+    labels = [label for _, label in further_inputs(equations)]
+    aliases = tuple(name for label in labels for name in all_labelled(LOOKS_LATE, label))
     ports, candidates = ports_without(LAGGED_LOADS, equations), list[Traceable]()
     multiplied = {(port, signal) for port, signal, _ in equations.products}
     for state in equations.states:
@@ -168,7 +169,13 @@ def lagged_made_for(equations: Equations) -> tuple[Traceable, ...]:
             units = tuple(per_unit(port.unit, state.unit) for port in loaded)
             names = tuple(port.name for port in loaded)
             lagged = LaggedLoads(
-                units, (1.0,) * len(loaded), (), names, state.name, looks, total=True
+                units,
+                (1.0,) * len(loaded),
+                (),
+                names,
+                state.name,
+                aliases or LOOKS_LATE,
+                total=True,
             )
             candidates.append(
                 replace(lagged, flown=state.name, counted_in=state.unit, of=state.name)
@@ -176,28 +183,28 @@ def lagged_made_for(equations: Equations) -> tuple[Traceable, ...]:
     return tuple(candidates)
 
 
-# ratio of successive trial frequencies, besides the peaks of the residual's spectrum
+# Ratio of successive trial frequencies; the peaks of the residual's spectrum are tried as well.
 FREQUENCY_RATIO = 1.12
 HIGHEST_FREQUENCY = 60.0  # rad/s
-# most ports of one oscillation, as lift and moment; a further port costs two more sizes
+# Most ports that one oscillation loads together. Each further port adds two parameters.
 MOST_COUPLED_PORTS = 2
 
 
 @dataclass(frozen=True)
-class PeriodicLoads:
+class PeriodicLoads(WithoutStates):
     """Loads at one frequency: lift += ``lift_cos`` cos(w t) + ``lift_sin`` sin(w t), moment
     likewise, where w is the ``frequency`` in rad/s.
 
-    Causes are a rotor, a limit cycle of the control system or a periodic input that was not
-    recorded: forcing that does not depend on the state. For a falling body the logarithm of the
-    drag oscillates, as if the body oscillates about its axis.
+    The loads do not depend on the state. Causes are a rotor, a limit cycle of the control system,
+    or a periodic input that was not recorded. For a falling body the logarithm of the drag
+    oscillates, as for a body that oscillates about its axis.
 
     Attributes
     ----------
     units, sizes : units and usual sizes of the loads, by port.
     needs_constants : constants that the equations must have.
     ports : load ports that the effect adds to; its parameters are named after them.
-    label : suffix of the effect's name, where there are several such effects.
+    label : suffix of the effect's name, if there are several such effects.
     """
 
     units: tuple[str, ...]
@@ -209,7 +216,6 @@ class PeriodicLoads:
     station: ClassVar[Station] = Station.DYNAMICS
     regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     aliases: ClassVar[tuple[str, ...]] = ("elastic-mode",)
-    states: ClassVar[tuple[Signal, ...]] = ()
     traits: ClassVar[Traits] = Traits(per_record=True, guard=True)
 
     @property
@@ -218,13 +224,12 @@ class PeriodicLoads:
 
     @property
     def explanation(self) -> str:
-        loads, of = " and ".join(port.replace("_", " ") for port in self.ports), self.ports[-1]
+        port = self.ports[-1]
         return (
-            f"A generic term: {loads} swing{'' if len(self.ports) > 1 else 's'} at one frequency "
-            "all through the record, "
-            f"{of.replace('_', ' ')} += {of}_cos cos(w t) + {of}_sin sin(w t), whatever the "
-            "controls and the vehicle do. No cause of the library does that. Where it explains a "
-            "record better than every effect does, the cause is none of them."
+            f"A generic term: {in_words(self.ports)} "
+            f"oscillate{'' if len(self.ports) > 1 else 's'} at one frequency throughout the "
+            f"record, independently of controls and motion: {port.replace('_', ' ')} += {port}_cos "
+            f"cos(w t) + {port}_sin sin(w t). {NO_CAUSE}"
         )
 
     @property
@@ -254,9 +259,6 @@ class PeriodicLoads:
             port: getattr(p, f"{port}_cos") * even + getattr(p, f"{port}_sin") * odd
             for port in self.ports
         }
-
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Probe all sizes at the peaks of the residual's spectrum, then over a grid of
@@ -306,16 +308,16 @@ def periodic_made_for(equations: Equations) -> tuple[Traceable, ...]:
 
 
 @dataclass(frozen=True)
-class ProductLoads(SizedOnPorts):
+class ProductLoads(SizedOnPorts, WithoutStates, ProbedAtAbsence):
     """Loads by a product of two signals a and b: lift += ``lift`` a b, moment += ``moment`` a b.
 
     Attributes
     ----------
-    label : name of the term after ``guard:``.
-    first, second : the signals, which may be the same.
+    label : name of the term, after ``guard:``.
+    first, second : names of the signals a and b, which may be the same.
     units, sizes : units and usual sizes of the loads, by port.
     needs_constants : constants that the equations must have.
-    aliases : effects that contain it.
+    aliases : effects of which the product is a special case.
     ports : load ports that the effect adds to; its size parameters have their names.
     """
 
@@ -330,7 +332,6 @@ class ProductLoads(SizedOnPorts):
 
     station: ClassVar[Station] = Station.DYNAMICS
     regularity: ClassVar[Regularity] = Regularity.REGULAR
-    states: ClassVar[tuple[Signal, ...]] = ()
 
     @property
     def name(self) -> str:
@@ -342,11 +343,10 @@ class ProductLoads(SizedOnPorts):
 
     @property
     def explanation(self) -> str:
-        loads = f"{' and '.join(self.ports)} {'grow' if len(self.ports) > 1 else 'grows'}"
         return (
-            f"A generic term: {loads} with the product {self.first} * {self.second}. No cause of "
-            "the library stands behind it. Where it explains a "
-            "record better than every effect does, the cause is none of them."
+            f"A generic term: {in_words(self.ports)} "
+            f"increase{'' if len(self.ports) > 1 else 's'} with the product of two signals: the "
+            f"port {self.ports[-1]} += size {self.first} * {self.second}. {NO_CAUSE}"
         )
 
     @property
@@ -357,15 +357,8 @@ class ProductLoads(SizedOnPorts):
         product = getattr(s, self.first) * getattr(s, self.second)
         return {port: getattr(p, port) * product for port in self.ports}
 
-    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ()
 
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the slopes by all sizes at absence."""
-        return (Probe(self.absent, self.ports),)
-
-
-_CONTROL = ("control-nonlinearity",)
+_CONTROL_CURVE = ("control-nonlinearity",)
 PRODUCT_LOADS: tuple[Traceable, ...] = (
     ProductLoads(
         "alpha-control", "alpha_air", "elevator", ("1/rad2", "1/rad2"), (5.0, 5.0), ("Cm_de",)
@@ -377,12 +370,18 @@ PRODUCT_LOADS: tuple[Traceable, ...] = (
         ("1/rad2", "1/rad2"),
         (3.0, 3.0),
         ("Cm_de", "airspeed"),
-        _CONTROL,
+        _CONTROL_CURVE,
     ),
     ProductLoads("alpha-q", "alpha_air", "q_hat", ("1/rad2", "1/rad2"), (100.0, 100.0), ("Cm_de",)),
     ProductLoads("alpha-control", "alpha_air", "delta", ("1/s", "1/s2"), (1.0, 10.0), ("M_delta",)),
     ProductLoads(
-        "control-squared", "delta", "delta", ("1/s", "1/s2"), (0.02, 0.1), ("M_delta",), _CONTROL
+        "control-squared",
+        "delta",
+        "delta",
+        ("1/s", "1/s2"),
+        (0.02, 0.1),
+        ("M_delta",),
+        _CONTROL_CURVE,
     ),
     ProductLoads("alpha-q", "alpha_air", "q", ("1/rad", "1/(rad s)"), (5.0, 20.0), ("M_delta",)),
     ProductLoads(
@@ -426,8 +425,8 @@ def products_made_for(equations: Equations) -> tuple[Traceable, ...]:
     """Return products of two states or controls of a user's model, on the ports where no estimated
     parameter multiplies either signal.
 
-    If one does, the product is that parameter growing with the other signal, which the effect
-    ``varies`` covers.
+    If a parameter does, the product is the same as this parameter growing with the other signal,
+    which the effect ``varies`` covers.
     """
     if not isinstance(equations, OwnEquations) or equations.terms:
         return ()
@@ -460,21 +459,21 @@ def products_made_for(equations: Equations) -> tuple[Traceable, ...]:
 
 
 @dataclass(frozen=True)
-class VaneBehind:
-    """alpha_m = alpha + (arm/V) q, ``arm`` in m behind the centre of gravity, not negative; of
-    sideslip beta_m = beta - (arm/V) r.
+class VaneBehind(DisplacedVane):
+    """A vane behind the centre of gravity: alpha_m = alpha + (arm/V) q. A vane of sideslip reads
+    beta_m = beta - (arm/V) r.
 
-    No effect of the library has this vane, and an accelerometer as far ahead fits every record
-    equally. Only these two are compared: if this term's derivatives are nearer to the declared
-    ones, the accelerometer is not at fault.
+    ``arm`` is in m behind the centre of gravity, not negative. No effect of the library is such a
+    vane, and an accelerometer as far ahead fits every record equally. The two therefore compete: if
+    the derivatives with this term are closer to the declared ones, the accelerometer is not
+    claimed.
 
     Attributes
     ----------
-    channel, rate : what the vane reads, and the rate of the nose in its plane.
-    sign : of the rate's share.
-    accelerometer : the channel of the one that reads alike.
-    speed : the constant that is the declared airspeed, for equations without an airspeed of the
-        time.
+    channel, rate : name of the output, and angular rate in the plane of the vane.
+    sign : sign of the contribution of the rate.
+    accelerometer : channel of the accelerometer that fits equally.
+    speed : name of the constant that is the airspeed, for equations without a varying airspeed.
     """
 
     channel: str = "alpha"
@@ -484,25 +483,13 @@ class VaneBehind:
     speed: str = "airspeed"
 
     name: ClassVar[str] = "guard:vane-behind"
-    station: ClassVar[Station] = Station.SENSOR_PATH
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("arm", 5.0, "m", bounds=(0.0, 100.0)),)
-    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})
-    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
-        "A generic term: the angle of attack is read too early, alpha_m = alpha + (arm/V) q, as a "
-        "vane behind the centre of gravity or a correction for a nose boom that is not there would "
-        "do it. An accelerometer ahead of the centre of gravity gives the same record under other "
-        "derivatives. Where the declared derivatives speak for this reading, no cause of the "
-        "library is named."
+        "A generic term: the angle of attack is read too early: alpha_m = alpha + (arm/V) q. "
+        "Causes are a vane behind the centre of gravity, or a correction for a nose boom that does "
+        "not exist. An accelerometer ahead of the centre of gravity gives the same record with "
+        "other derivatives. If the declared derivatives favour this reading, no cause of the "
+        "library is claimed."
     )
-
-    @property
-    def needs_constants(self) -> tuple[str, ...]:
-        return (self.speed,)
-
-    @property
-    def states_read(self) -> tuple[str, ...]:
-        return (self.rate,)
 
     @property
     def aliases(self) -> tuple[str, ...]:
@@ -511,15 +498,6 @@ class VaneBehind:
     @property
     def traits(self) -> Traits:
         return Traits(guard=True, twins=self.aliases, equivalents=self.aliases)
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return [Probe({"arm": 0.0}, ("arm",))]
-
-    def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
-        return {
-            self.channel: y[self.channel]
-            + at_arm(s, vehicle, self.sign * p.arm, self.rate, self.speed)
-        }
 
 
 VANE_BEHIND: tuple[Traceable, ...] = (
@@ -533,7 +511,7 @@ GUARDS: tuple[Traceable, ...] = (*LAGGED_LOADS, *PERIODIC_LOADS, *PRODUCT_LOADS,
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return the terms of this file for the signals and ports of a user's own model."""
+    """Return the terms of this file for the signals and ports of a user model."""
     return (
         *lagged_made_for(equations),
         *periodic_made_for(equations),

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Parameter, Regularity, Station
-from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.declaration.proposal import Traceable, Traits
+from sim.effects.instances import ProbedAtAbsence
+from sim.effects.loads import NO_CAUSE
 
 
 @dataclass(frozen=True)
-class VaneNearControl:
-    """A flow angle v is read as v + ``gain`` d, where d is the deflection of a control.
+class VaneNearControl(ProbedAtAbsence):
+    """The reading of a flow angle v is v + ``gain`` d, where d is the deflection of a control.
 
     A canard, a flap, or a surface near the vane turns the flow there. ``gain`` is in rad per unit
     of the control.
@@ -39,19 +41,14 @@ class VaneNearControl:
     @property
     def explanation(self) -> str:
         return (
-            f"A generic term: {self.channel} is read too large by a share of {self.control}, as a "
-            "vane does in the flow that a control surface turns. No effect of the library is a "
-            "reading that follows a control. Where it explains a record better than every effect "
-            "does, the cause is none of them."
+            f"A generic term: a share of the {self.control} adds to the reading of {self.channel}: "
+            f"{self.channel}_m = {self.channel} + gain {self.control}. The cause is a vane in the "
+            f"flow that a control surface turns. {NO_CAUSE}"
         )
 
     @property
     def traits(self) -> Traits:
         return Traits(guard=True)
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Probe the slope by the size at absence."""
-        return (Probe(self.absent, ("gain",)),)
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {self.channel: y[self.channel] + p.gain * getattr(s, self.control)}

@@ -1,5 +1,5 @@
-"""Actuators between the recorded input and the vehicle: of first or of second order, with a limit
-of rate or of travel.
+"""Actuators between the recorded input and the vehicle: of first or second order, or with a limit
+of rate or travel.
 """
 
 from __future__ import annotations
@@ -42,21 +42,29 @@ from sim.maths import (
     where,
 )
 
-# s, longest plausible lag for an input that is not a surface deflection, such as an engine or a
-# valve
+# s, longest plausible lag of an input that is not a surface deflection, as of an engine or a valve
 LONGEST_LAG = 5.0
 # s, usual lag of engines: longer for turbofans near idle, shorter for propellers
-USUAL_OF_ENGINES = 1.0
+USUAL_ENGINE_LAG = 1.0
+OVERSHOOT = (
+    "quick inputs (short doublets, or a sweep beyond the actuator's frequency): only an actuator "
+    "of second order overshoots"
+)
 
 
 @dataclass(frozen=True)
 class ActuatorLag(OfInput):
     """First-order lag: the surface y follows the recorded command u, y_dot = (u - y)/time_constant.
 
-    At the start y = u. ``time_constant`` is in s, not negative; at zero y = u. As a differential
-    equation in a filter (``rates``) it is stiff for a lag much shorter than the step.
-    ``model_parameter`` is for a lag that a vehicle model declares itself: the full name of the time
-    constant there. Several inputs may have the same one.
+    At the start y = u. ``time_constant`` is in s, not negative; at zero y = u. The differential
+    equation that a filter uses (``rates``) is stiff for a lag much shorter than the step.
+
+    Attributes
+    ----------
+    signal, unit : name and unit of the input.
+    label : suffix of the effect's name, where the vehicle has several inputs.
+    model_parameter : full name of the time constant, if the vehicle model declares the lag itself.
+        Lags of several inputs may have the same one.
     """
 
     signal: str = "elevator"
@@ -72,12 +80,13 @@ class ActuatorLag(OfInput):
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"time_constant": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
-        "The surface follows the command with a first-order lag: time_constant dy/dt = u - y. A "
-        "step arrives as an exponential that has covered two thirds of the way after one time "
-        "constant. A slow input is only late by the time constant; a fast one is late and too "
-        "small. A servo valve or a command filter does this. A slow record cannot tell it "
-        "from a pure delay of the same length; steps sampled fast can, since a delay lets them "
-        "pass as steps. Large and small steps take the same time, unlike with a rate limit."
+        "First-order lag of an actuator: the surface y follows the command u with time_constant "
+        "dy/dt = u - y. The response to a step is an exponential that has covered two thirds of "
+        "the way after one time constant. The response to a slow input is only late by the time "
+        "constant, that to a fast input is late and too small. Causes are a servo valve or a "
+        "command filter. A slow record cannot distinguish a lag from a delay of the same length. "
+        "Steps that are sampled fast can, since a delay does not change their shape. Large and "
+        "small steps take the same time, unlike with a rate limit."
     )
 
     @property
@@ -96,8 +105,8 @@ class ActuatorLag(OfInput):
                 )
             },
             plausible={"time_constant": (0.0, 0.5 if has_typical_size(self.unit) else LONGEST_LAG)},
-            usual={} if has_typical_size(self.unit) else {"time_constant": USUAL_OF_ENGINES},
-            # other forms of the same fault, of which only one is claimed
+            usual={} if has_typical_size(self.unit) else {"time_constant": USUAL_ENGINE_LAG},
+            # Another form of the same fault; only one of the two is claimed.
             twins=all_labelled(("actuator-second-order",), self.label),
         )
 
@@ -135,17 +144,18 @@ class ActuatorLag(OfInput):
 
 
 def _lagged(h: np.ndarray, u: np.ndarray, lag: Any) -> np.ndarray:
-    # At lag 0, E = 0. The lag may carry an imaginary step; the factor T/h keeps it, so that the
-    # one-sided derivative is right.
+    # ``reached`` is 1 - E, which is one without a lag. The factor T/h keeps the imaginary part of a
+    # complex lag, so that the one-sided derivative at zero is right.
     reached = -np.expm1(-h / lag) if lag.real > 0 else np.ones_like(h)
     y = linear_recurrence(1.0 - reached, reached * u, u[0])
     return u - (u - y[:-1]) * (lag / h * reached)
 
 
-UNLIMITED = 1e9  # rad/s, frequency at which the actuator is absent
-MOST_DAMPED = 3.0  # largest damping: the poles then differ 34-fold, and any record shows only a lag
+UNLIMITED = 1e9  # rad/s, frequency at which the effect is absent
+# Largest damping. The ratio of the two poles is then 34, and any record shows only a lag.
+MOST_DAMPED = 3.0
 SERVO_DAMPING = 0.7  # damping of a well-made servo
-# Trial values, rad/s, so close that a fit reaches all frequencies from one of them.
+# Trial values, rad/s. From one of the two, a fit reaches all frequencies.
 FREQUENCIES = (45.0, 15.0)
 
 
@@ -156,9 +166,9 @@ class ActuatorSecondOrder(OfInput):
 
     At the start d = u. ``frequency`` is in rad/s; at ``UNLIMITED`` the effect is absent and d = u.
     ``damping`` is positive, without unit. With much damping the effect is a lag of 2
-    damping/frequency, and with a high frequency a delay of this length; these are simpler and
-    preferred if they fit as well. It is not offered for the low-order equivalent system, whose own
-    lag and delay represent all parts between stick and surface.
+    damping/frequency, and with a high frequency a delay of this length. Lag and delay are simpler,
+    and preferred if they fit as well. The effect is not offered for the low-order equivalent
+    system, whose own lag and delay represent all parts between stick and surface.
     """
 
     signal: str = "elevator"
@@ -174,12 +184,13 @@ class ActuatorSecondOrder(OfInput):
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"frequency": UNLIMITED})
     regularity: ClassVar[Regularity] = Regularity.UNIDENTIFIED_AT_ABSENCE
     explanation: ClassVar[str] = (
-        "The surface has inertia and its servo a spring: d_ddot = frequency^2 (u - d) - 2 damping "
-        "frequency d_dot for a command u. A step arrives rounded at its beginning and, with little "
-        "damping, goes too far and swings into its place. Slow inputs come late by 2 "
-        "damping/frequency, as behind a lag or a delay of that length; inputs near the actuator's "
-        "frequency come too large with little damping, too small with much. Steps sampled fast "
-        "show which it is, a slow record does not."
+        "Second-order actuator: the surface d follows the command u with d_ddot = frequency^2 (u - "
+        "d) - 2 damping frequency d_dot. The cause is the inertia of the surface with the "
+        "stiffness of its servo. The response to a step has a rounded beginning; with low damping "
+        "it overshoots and oscillates. Slow inputs arrive late by 2 damping/frequency, as with a "
+        "lag or a delay of this length. Inputs near the actuator's frequency arrive too large with "
+        "low damping and too small with high damping. Steps that are sampled fast distinguish the "
+        "actuator from a lag or a delay; a slow record does not."
     )
 
     @property
@@ -195,11 +206,7 @@ class ActuatorSecondOrder(OfInput):
                 "({frequency_hertz}), damping {damping}",
             ),
             short_name="actuator of second order",
-            separating=dict.fromkeys(
-                ("actuator-lag", "input-delay"),
-                "quick inputs (short doublets, or a sweep beyond the actuator's frequency): only "
-                "an actuator of second order overshoots",
-            ),
+            separating=dict.fromkeys(("actuator-lag", "input-delay"), OVERSHOOT),
             twins=all_labelled(("actuator-lag", "input-delay"), self.label),
             oscillates=("frequency",),
             plausible={
@@ -218,8 +225,8 @@ class ActuatorSecondOrder(OfInput):
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Probe well-damped actuators, at frequencies that the sampling resolves."""
         fastest = 3.0 / context.interval
-        shown = [frequency for frequency in FREQUENCIES if frequency < fastest] or [FREQUENCIES[-1]]
-        return [Probe({"frequency": frequency, "damping": SERVO_DAMPING}) for frequency in shown]
+        tried = [frequency for frequency in FREQUENCIES if frequency < fastest] or FREQUENCIES[-1:]
+        return [Probe({"frequency": frequency, "damping": SERVO_DAMPING}) for frequency in tried]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Return the mean of the exact response over each cell, for an input that is constant
@@ -270,7 +277,7 @@ def _followed(h: np.ndarray, u: np.ndarray, frequency: Any, damping: Any) -> np.
     return np.asarray(u - bracket / (frequency * frequency * h))
 
 
-# largest |r^2| in `_transition` for which four terms of the series are exact to rounding
+# Largest |r^2| in `_transition` for which four terms of the series are exact to rounding.
 SERIES_LIMIT = 1e-3
 
 
@@ -283,7 +290,7 @@ def _transition(h: np.ndarray, frequency: Any, damping: Any) -> np.ndarray:
     """
     square = (damping * damping - 1.0) * (frequency * h) ** 2
     near = np.abs(square) < SERIES_LIMIT
-    # Both are even in r. Near zero, where the root has no derivative, a series is used.
+    # Both functions are even in r. Near r = 0 the root has no derivative, and a series is used.
     r = sqrt(np.where(near, SERIES_LIMIT, square).astype(complex))
     decay = damping * frequency * h
     slow, fast = exp(r - decay), exp(-r - decay)
@@ -305,40 +312,26 @@ def _transition(h: np.ndarray, frequency: Any, damping: Any) -> np.ndarray:
     return out if isinstance(frequency, complex) or isinstance(damping, complex) else out.real
 
 
-DYNAMICS_VARIANTS: tuple[Traceable, ...] = (ActuatorLag(), ActuatorSecondOrder())
-
-
-def dynamics_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return `ActuatorLag` and `ActuatorSecondOrder` for each input that ``VARIANTS`` does not
-    cover.
-    """
-    return for_inputs(
-        equations,
-        lambda signal, label: ActuatorLag(signal.name, signal.unit, label),
-        lambda signal, label: ActuatorSecondOrder(signal.name, signal.unit, label),
-    )
-
-
-UNLIMITED_RATE = 1e9  # rate at which the limit is absent
-# Trial rates in input peaks per second: from hardly noticeable to always limiting.
-PER_SECOND = (20.0, 9.0, 4.0, 2.0, 0.9)
+UNLIMITED_RATE = 1e9  # rate at which the effect is absent
+# Trial rates, in input peaks per second: from hardly noticeable to always limiting.
+RATES_PER_PEAK = (20.0, 9.0, 4.0, 2.0, 0.9)
 HALF_AND_TWICE = (
     "the same maneuver at half and at twice the size: only a rate limit makes large inputs later "
     "than small ones"
 )
-# If the surface stays behind the command on the same side for so many cells, further cells are
+# Once the surface has stayed on one side of the command for so many cells, further cells are
 # computed in batches.
 _CELLS_BEFORE_BATCH = 16
 
 
 @dataclass(frozen=True)
 class ActuatorRateLimit(SizedOnInput):
-    """Rate limit: the surface moves towards the command at most at ``rate``, in unit of the input
+    """Rate limit: the surface moves towards the command at most at ``rate``, in the input's unit
     per second.
 
     At ``UNLIMITED_RATE`` the effect is absent. The surface starts at the first recorded value. Its
-    speed is no smooth function of its position, so that it has no differential equation for a
-    filter (``rates``); a filter can use it with a fixed rate only.
+    speed is not a smooth function of its position. The effect therefore has no differential
+    equation (``rates``), and a filter can use it with a fixed rate only.
     """
 
     typical: float = 0.3
@@ -349,12 +342,12 @@ class ActuatorRateLimit(SizedOnInput):
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"rate": UNLIMITED_RATE})
     regularity: ClassVar[Regularity] = Regularity.INACTIVE
     explanation: ClassVar[str] = (
-        "The surface can move only so fast: |dy/dt| <= rate, towards the command until y = u. A "
-        "commanded step becomes a ramp whose length grows with the step, so that large inputs "
-        "arrive later than small ones; a lag or a delay treats all sizes alike, and steps of one "
-        "size cannot tell the three apart. Under large fast inputs the surface never reaches the "
-        "command, and amplitude is lost as well as time. A record in which the command never moves "
-        "faster than the limit shows nothing of it."
+        "Rate limit of an actuator: the surface y moves with |dy/dt| <= rate, towards the command "
+        "u until y = u. The response to a commanded step is a ramp whose length is proportional to "
+        "the step. Large inputs therefore arrive later than small ones. A lag or a delay acts "
+        "alike on inputs of all sizes, so steps of one size cannot distinguish the three. With "
+        "large fast inputs the surface never reaches the command, and the amplitude is reduced as "
+        "well. If the command never moves faster than the limit, the record does not show it."
     )
 
     @property
@@ -367,8 +360,10 @@ class ActuatorRateLimit(SizedOnInput):
 
     @property
     def traits(self) -> Traits:
-        """Traits; a rate is plausible from a thirtieth to ten times the typical value, for an
-        elevator from half a degree to some 170 degrees a second.
+        """Traits of the effect.
+
+        A rate is plausible from a thirtieth to ten times the typical value, for an elevator from
+        half a degree to about 170 degrees per second.
         """
         return Traits(
             sentences=("the actuator moves no faster than {rate}",),
@@ -382,7 +377,7 @@ class ActuatorRateLimit(SizedOnInput):
         fastest = context.input_rate.get(self.signal, 0.0)
         return [
             Probe({"rate": rate})
-            for rate in shares_of_peak(context, self.signal, PER_SECOND)
+            for rate in shares_of_peak(context, self.signal, RATES_PER_PEAK)
             if 0.0 < rate < fastest
         ]
 
@@ -408,6 +403,7 @@ def _limited(edges: np.ndarray, u: np.ndarray, rate: Any) -> np.ndarray:
     since_change = edges[:-1] - np.repeat(change_times, count)
     left = maximum(np.repeat(absolute(initial_distances), count) - rate * since_change, 0.0)
     travel = rate * np.diff(edges)
+    # Mean distance over a cell, if the surface does not arrive within it, and if it does.
     mean = np.where(left.real >= travel.real, left - 0.5 * travel, left * left / (2.0 * travel))
     return u + np.repeat(np.where(initial_distances.real < 0, -1.0, 1.0), count) * mean
 
@@ -415,7 +411,7 @@ def _limited(edges: np.ndarray, u: np.ndarray, rate: Any) -> np.ndarray:
 def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
     """Return the distance of the surface from each command at the time of the command.
 
-    ``ways`` are the largest travels before the next command.
+    ``ways`` are the largest travels of the surface before the next command.
     """
     # After the surface has arrived, the distance is the change of the command. So the loop only
     # runs while the surface lags.
@@ -447,7 +443,7 @@ def _lagging_run(
     """Return the distance at the end of each cell, from cell ``start`` on, as long as the surface
     stays on one side of the command.
 
-    The last one is that of the cell in which the surface arrives; there is at least one.
+    The last value is that of the cell in which the surface arrives. There is at least one value.
     """
     length, last = 2 * _CELLS_BEFORE_BATCH, len(commands) - 1
     while True:
@@ -461,7 +457,7 @@ def _lagging_run(
         length *= 4
 
 
-UNLIMITED_TRAVEL = 1e9  # limit at which the effect is absent
+UNLIMITED_TRAVEL = 1e9  # limit of travel at which the effect is absent
 
 
 @dataclass(frozen=True)
@@ -469,7 +465,7 @@ class ActuatorSaturation(SizedOnInput):
     """Travel limit: the vehicle's input is max(-limit, min(u, limit)), on both sides of trim.
 
     ``limit`` is in the unit of the input; at ``UNLIMITED_TRAVEL`` the effect is absent. The effect
-    has no memory, so that it has no states in a filter.
+    has no memory, and therefore no states in a filter.
     """
 
     typical: float = 0.05
@@ -481,12 +477,12 @@ class ActuatorSaturation(SizedOnInput):
     regularity: ClassVar[Regularity] = Regularity.INACTIVE
     online_states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (
-        "The surface stops at a limit although the command goes on: u_vehicle = max(-limit, min(u, "
-        "limit)). Below the limit nothing is different, above it more command brings no more "
-        "response. It is invisible in a record that stays below the limit, and where all inputs "
-        "are of one size it only looks like a smaller control effectiveness: it takes inputs of "
-        "several sizes, on both sides of the limit. The limit counts from where the recorded input "
-        "does: from trim where that is a perturbation, from its zero where it is a total."
+        "Travel limit of an actuator: u_vehicle = max(-limit, min(u, limit)). Below the limit the "
+        "response is unchanged. Above it a larger command gives no larger response. A record that "
+        "stays below the limit does not show the effect. Inputs of a single size only show a "
+        "smaller control effectiveness, so inputs of several sizes, on both sides of the limit, "
+        "are needed. The limit counts from the zero of the recorded input, which is trim if the "
+        "input is a perturbation."
     )
 
     @property
@@ -499,8 +495,10 @@ class ActuatorSaturation(SizedOnInput):
 
     @property
     def traits(self) -> Traits:
-        """Traits; a limit is plausible from a tenth to ten times the typical value, for an elevator
-        from 0.3 to 30 degrees.
+        """Traits of the effect.
+
+        A limit is plausible from a tenth to ten times the typical value, for an elevator from 0.3
+        to 30 degrees.
         """
         return Traits(
             sentences=("the actuator stops at +-{limit}",),
@@ -527,7 +525,9 @@ class ActuatorSaturation(SizedOnInput):
         return clip(v, -p.limit, p.limit)
 
 
-LIMITS_VARIANTS: tuple[Traceable, ...] = (
+VARIANTS: tuple[Traceable, ...] = (
+    ActuatorLag(),
+    ActuatorSecondOrder(),
     ActuatorRateLimit(),
     ActuatorRateLimit("stick", "1", 3.0),
     ActuatorSaturation(),
@@ -535,16 +535,12 @@ LIMITS_VARIANTS: tuple[Traceable, ...] = (
 )
 
 
-def limits_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return `ActuatorRateLimit` and `ActuatorSaturation` for each input that ``VARIANTS`` does not
-    cover.
-    """
-    return for_inputs(equations, sized(ActuatorRateLimit, 3.0), sized(ActuatorSaturation, 0.5))
-
-
-VARIANTS: tuple[Traceable, ...] = (*DYNAMICS_VARIANTS, *LIMITS_VARIANTS)
-
-
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """Return all four effects for each input that ``VARIANTS`` does not cover."""
-    return (*dynamics_made_for(equations), *limits_made_for(equations))
+    return for_inputs(
+        equations,
+        lambda signal, label: ActuatorLag(signal.name, signal.unit, label),
+        lambda signal, label: ActuatorSecondOrder(signal.name, signal.unit, label),
+        sized(ActuatorRateLimit, 3.0),
+        sized(ActuatorSaturation, 0.5),
+    )

@@ -15,27 +15,46 @@ from sim.declaration.effect import Parameter, Regularity
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, delays_to_try
 from sim.effects.instances import OfInput, all_labelled, for_inputs
-from sim.effects.loads import moved_ahead, moved_back
 from sim.maths import each_column
 
 
-@dataclass(frozen=True)
-class InputDelay(OfInput):
-    """Delay of the input: u_vehicle(t) = u(t - delay), where u is the recorded input.
+def delayed_means(edges: np.ndarray, u: np.ndarray, delay: Any) -> np.ndarray:
+    """Return the means of u(t - delay) over each cell ``(n,)``.
 
-    ``delay`` is in s, not negative. Before the begin of the record the first value holds. A delay
-    has no state form of finite order, so that filters need a fixed delay. It commutes with effects
-    that do not depend on time, and acts last on the input path: dead band and rate limit would not
-    be smooth in the delay of a step within a cell. With ``in_vehicle_model`` the delay belongs to
-    the vehicle's model (the low-order equivalent system, a multirotor): the full name of its
-    parameter is ``delay``, and delays of other inputs have the same parameter.
+    They are exact for an input that is constant within cells. Before the first edge the first value
+    holds. A cell that is shifted by the delay begins in cell j and ends in cell k. Its mean is
+    computed as u[k] plus contributions of the cells before k, so that a delay of zero returns u
+    exactly. If the shifted edge is an edge of a cell, the derivative is that towards longer delays.
+
+    Parameters
+    ----------
+    edges : ``(n + 1,)``, boundaries of the cells, s, increasing.
+    u : ``(n,)``, mean of the input over each cell.
+    delay : s, not negative; may be complex.
     """
+    width, last = np.diff(edges), len(u) - 1
+    area = np.concatenate([np.zeros(1), np.cumsum(u * width)])
+    cell = np.searchsorted(edges, edges - delay.real, side="left") - 1
+    j, k = np.clip(cell[:-1], -1, last), np.clip(cell[1:], -1, last)
+    first, final = u[np.maximum(j, 0)], np.maximum(k, 0)
+    at_final = u[final]
+    next_edge = edges[j + 1]
+    between = area[final] - area[j + 1] - at_final * (edges[final] - next_edge)
+    excess = between + (first - at_final) * (next_edge - (edges[:-1] - delay))
+    return np.asarray(at_final + np.where(k > j, excess, 0.0) / width)
 
-    signal: str = "elevator"
-    in_vehicle_model: bool = False
-    label: str = ""
 
-    family: ClassVar[str] = "input-delay"
+def advanced_means(edges: np.ndarray, u: np.ndarray, delay: Any) -> np.ndarray:
+    """Return the means of u(t + delay) over each cell: ``delayed_means`` with time reversed.
+
+    After the last edge the last value holds.
+    """
+    return delayed_means(-edges[::-1], u[::-1], delay)[::-1]
+
+
+class _Shift(OfInput):
+    """Base of the two delays: one parameter ``delay``, which is not negative."""
+
     path_order: ClassVar[int] = 90
     commutes: ClassVar[bool] = True
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -43,12 +62,43 @@ class InputDelay(OfInput):
     )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"delay": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
+    plausible: ClassVar[Mapping[str, tuple[float, float]]] = {"delay": (0.0, 0.4)}
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        return [Probe({"delay": time}) for time in delays_to_try(context)]
+
+
+@dataclass(frozen=True)
+class InputDelay(_Shift):
+    """Delay of the input: u_vehicle(t) = u(t - delay), where u is the recorded input.
+
+    ``delay`` is in s, not negative. Before the begin of the record the first value holds. A delay
+    has no state form of finite order, so that filters need a fixed delay.
+
+    A delay commutes with effects that do not depend on time. It acts last on the input path,
+    because a dead band or a rate limit behind it would not be smooth in the delay of a step within
+    a cell.
+
+    Attributes
+    ----------
+    signal : name of the input.
+    in_vehicle_model : whether the delay belongs to the vehicle's model (the low-order equivalent
+        system, a multirotor). The full name of its parameter is then ``delay``, and delays of other
+        inputs have the same parameter.
+    label : suffix of the effect's name, where the vehicle has several inputs.
+    """
+
+    signal: str = "elevator"
+    in_vehicle_model: bool = False
+    label: str = ""
+
+    family: ClassVar[str] = "input-delay"
     explanation: ClassVar[str] = (
-        "The control surface follows the recorded command after a dead time: u_vehicle(t) = "
-        "u_record(t - delay), delay >= 0. Computing frames, data buses and time skew between "
-        "recorders do this. Every response is late by the same time, whatever its shape, so the "
-        "effect shows most where the input moves fast. A slow record cannot tell it from an "
-        "actuator lag with a time constant equal to the delay."
+        "Dead time of the input: the control surface follows the recorded command late, "
+        "u_vehicle(t) = u_record(t - delay), delay >= 0. Causes are computing frames, data buses "
+        "and time skew between recorders. Every response is late by the same time, whatever its "
+        "shape, so the effect is largest where the input moves fast. A slow record cannot "
+        "distinguish a delay from an actuator lag with a time constant equal to the delay."
     )
 
     @property
@@ -60,7 +110,7 @@ class InputDelay(OfInput):
         return Traits(
             sentences=("the aircraft responds {delay} after the recorded {control}",),
             short_name="delay",
-            plausible={"delay": (0.0, 0.4)},
+            plausible=self.plausible,
             twins=all_labelled(("input-recorded-late", "actuator-second-order"), self.label),
         )
 
@@ -73,54 +123,42 @@ class InputDelay(OfInput):
         """Return the full name of a parameter, whose name in the effect is ``local``."""
         return local if self.in_vehicle_model else f"{self.name}.{local}"
 
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return [Probe({"delay": time}) for time in delays_to_try(context)]
-
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Return the mean of the shifted input over each cell.
 
         At a delay of zero, its bound, the derivative is that towards longer delays.
         """
         edges = np.asarray(edges, dtype=float)
-        return each_column(lambda row, delay: moved_back(edges, row, delay), u, p.delay)
+        return each_column(lambda row, delay: delayed_means(edges, row, delay), u, p.delay)
 
 
 @dataclass(frozen=True)
-class RecordedInputDelay(OfInput):
+class RecordedInputDelay(_Shift):
     """The input is recorded late: u_vehicle(t) = u(t + delay), where u is the recorded input.
 
-    ``delay`` is in s, not negative; it is an input delay of opposite sign. The input of the last
-    ``delay`` seconds is not in the record. The last value is used there, so that outputs of these
-    samples, the load factor most, are wrong if the input still moves. The effect needs future
-    inputs, so that no filter can use it. It is not offered for the low-order equivalent system,
-    where it equals a smaller ``delay`` of the model.
+    ``delay`` is in s, not negative; the effect is an input delay of opposite sign. The input of the
+    last ``delay`` seconds is not in the record, and its last value is used there. If the input
+    still moves there, the outputs of these samples are wrong, most of all the load factor. The
+    effect needs future inputs, so no filter can use it. It is not offered for the low-order
+    equivalent system, where it is the same as a smaller ``delay`` of the model.
     """
 
     signal: str = "elevator"
     label: str = ""
 
     family: ClassVar[str] = "input-recorded-late"
-    path_order: ClassVar[int] = 90
-    commutes: ClassVar[bool] = True
     anticipates: ClassVar[bool] = True
-    parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("delay", 0.05, "s", bounds=(0.0, 2.0)),
-    )
-    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"delay": 0.0})
-    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
+    aliases: ClassVar[tuple[str, ...]] = ()
     explanation: ClassVar[str] = (
-        "The channel of the input is slower than the others: u_record(t) = u_vehicle(t - delay), "
-        "so that the vehicle gets u_record(t + delay), delay >= 0. A filter before the recorder, a "
-        "bus or a clock of its own do this. The aircraft seems to answer before it is asked, which "
-        "no lag, actuator or delay can imitate, since these are all late; late sensors hide it, "
-        "and if all of them are late by the same time nothing is left to see. A record whose input "
-        "moves between its samples but is read as held looks late by half the interval. What came "
-        "after the record's end is unknown: its last value is held, so let the input rest there."
+        "The input is recorded late: u_record(t) = u_vehicle(t - delay), so that the vehicle gets "
+        "u_record(t + delay), delay >= 0. Causes are a filter before the recorder, a slow data bus "
+        "or a separate clock. The aircraft seems to respond before the command. Lags, actuators "
+        "and input delays cannot imitate this, since they all make the response later. Late "
+        "sensors compensate the effect; if all outputs are late by the same time, it is not "
+        "observable. If the input moves between samples but is read as held, it looks late by half "
+        "the sampling interval. The input after the end of the record is unknown and held at its "
+        "last value, so the input should be at rest there."
     )
-
-    @property
-    def aliases(self) -> tuple[str, ...]:
-        return ()
 
     @property
     def traits(self) -> Traits:
@@ -128,19 +166,16 @@ class RecordedInputDelay(OfInput):
             sentences=("the {control} is recorded {delay} late",),
             short_name="input recorded late",
             twins=all_labelled(("input-delay",), self.label),
-            plausible={"delay": (0.0, 0.4)},
+            plausible=self.plausible,
             within_interval="delay",
         )
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return [Probe({"delay": time}) for time in delays_to_try(context)]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Return the mean of the shifted input over each cell, exact for an input that is constant
         within cells.
         """
         edges = np.asarray(edges, dtype=float)
-        return each_column(lambda row, delay: moved_ahead(edges, row, delay), u, p.delay)
+        return each_column(lambda row, delay: advanced_means(edges, row, delay), u, p.delay)
 
 
 VARIANTS: tuple[Traceable, ...] = (InputDelay("elevator"), RecordedInputDelay())

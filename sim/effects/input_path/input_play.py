@@ -4,36 +4,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Parameter, Regularity, Signal
+from sim.declaration.effect import Signal
 from sim.declaration.model import Equations
-from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, shares_of_peak
 from sim.effects.instances import (
-    ABSENT,
     MANY_SIZES,
+    HalfWidth,
     SizedOnInput,
     all_labelled,
+    backlash,
     for_inputs,
-    half_width,
-    plausible_half_width,
-    played,
     sized,
-    tried,
 )
 from sim.maths import clip, each_column
 
 
+class _InputPlay(HalfWidth, SizedOnInput):
+    """Base of backlash and dead band of an input."""
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """Probe half widths from a small share of the input's peak to more than half of it."""
+        sizes = shares_of_peak(context, self.signal, (0.04, 0.12, 0.3, 0.6))
+        return [Probe({"half_width": size}) for size in sizes]
+
+
 @dataclass(frozen=True)
-class InputBacklash(SizedOnInput):
+class InputBacklash(_InputPlay):
     """Backlash: the vehicle's input y follows the recorded input u at a distance of ``half_width``.
 
-    It does not move while |u - y| < half_width. ``half_width`` is in the unit of the input, not
-    negative. y starts at the first recorded value, in the middle of the play. Backlash is no
-    differential equation, so that it has no state form; a filter can use it with a fixed width
-    only.
+    y does not move while |u - y| < half_width. ``half_width`` is in the unit of the input, not
+    negative. y starts at the first recorded value, in the middle of the play. Backlash cannot be
+    written as a differential equation, so a filter can use it with a fixed width only.
     """
 
     typical: float = 0.005
@@ -41,24 +46,15 @@ class InputBacklash(SizedOnInput):
     family: ClassVar[str] = "input-backlash"
     typical_share_of_peak: ClassVar[float] = 0.05
     path_order: ClassVar[int] = 30
-    absent: ClassVar[Mapping[str, float]] = ABSENT
-    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
+    aliases: ClassVar[tuple[str, ...]] = ()
     explanation: ClassVar[str] = (
-        "Play in a linkage: the far end y stays put until the near end has gone through the play, "
-        "then follows, y = u - half_width on the way up and y = u + half_width on the way down. "
-        "Each reversal of the input loses 2 half_width before anything moves, whatever the "
-        "position, so that the response is too small and late after a reversal and the vehicle may "
-        "rest off its trim after the maneuver. A dead band loses its width about zero only, with "
-        "no memory: reversals away from zero tell the two apart."
+        "There is play in a linkage. The output y of the linkage rests until the input u has "
+        "crossed the play, and then follows: y = u - half_width while u rises and y = u + "
+        "half_width while u falls. After each reversal the input moves by 2 half_width before the "
+        "output moves, at any deflection. The response is therefore too small and late after a "
+        "reversal, and the vehicle may not return to trim after the maneuver. A dead band has no "
+        "memory and acts about zero only, so reversals away from zero distinguish the two."
     )
-
-    @property
-    def aliases(self) -> tuple[str, ...]:
-        return ()
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return half_width(self.typical, self.unit)
 
     @property
     def traits(self) -> Traits:
@@ -71,23 +67,17 @@ class InputBacklash(SizedOnInput):
                     "band about zero does not"
                 )
             },
-            plausible=plausible_half_width(self.typical),
+            plausible=self.plausible,
             in_input_unit=("half_width",),
         )
 
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return tried(context, self.signal)
-
     def act(self, edges: Any, u: Any, p: Any) -> Any:
-        """Return the input behind the effect; exact for an input that is constant within cells.
-
-        The loop runs over the turns of the input only.
-        """
-        return each_column(played, u, p.half_width)
+        """Return the input behind the effect; exact for an input that is constant within cells."""
+        return each_column(backlash, u, p.half_width)
 
 
 @dataclass(frozen=True)
-class InputDeadband(SizedOnInput):
+class InputDeadband(_InputPlay):
     """Dead band: the vehicle's input is sign(u) max(|u| - half_width, 0).
 
     It is zero in the band, without a step at its edges. ``half_width`` is in the unit of the input,
@@ -99,16 +89,15 @@ class InputDeadband(SizedOnInput):
     family: ClassVar[str] = "input-deadband"
     typical_share_of_peak: ClassVar[float] = 0.1
     path_order: ClassVar[int] = 20
-    absent: ClassVar[Mapping[str, float]] = ABSENT
-    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     online_states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (
-        "Near zero the input does nothing: u_vehicle = sign(u) max(|u| - half_width, 0). A "
-        "break-out force at the stick, slack in a linkage that is centred by springs, or a "
-        "threshold in software do this. Outside the band the vehicle answers with its full slope "
-        "but by half_width too little, so that small inputs seem weaker than large ones, and an "
-        "input that crosses zero arrives late. Inputs of a single size only see a smaller control "
-        "effectiveness; two sizes or more are needed, of which one is not much above the band."
+        "Near zero the input has no effect: u_vehicle = sign(u) max(|u| - half_width, 0). Causes "
+        "are a break-out force at the stick, slack in a linkage that is centred by springs, or a "
+        "threshold in software. Outside the band the vehicle responds with its full control "
+        "effectiveness, but to an input that is too small by half_width. Small inputs therefore "
+        "seem weaker than large ones, and an input that crosses zero arrives late. Inputs of a "
+        "single size only show a smaller control effectiveness. At least two sizes are needed, one "
+        "of them not much above the band."
     )
 
     @property
@@ -116,21 +105,14 @@ class InputDeadband(SizedOnInput):
         return all_labelled(("actuator-saturation", "control-nonlinearity"), self.label)
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return half_width(self.typical, self.unit)
-
-    @property
     def traits(self) -> Traits:
         return Traits(
             sentences=("the {control} {sticks} within +-{half_width} of zero (break-out)",),
             short_name="break-out",
             separating={"control-nonlinearity": MANY_SIZES},
-            plausible=plausible_half_width(self.typical),
+            plausible=self.plausible,
             in_input_unit=("half_width",),
         )
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return tried(context, self.signal)
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Return the input behind the effect; exact for an input that is constant within cells."""

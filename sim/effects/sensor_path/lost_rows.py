@@ -1,4 +1,4 @@
-"""Rows that a recorder lost without a gap in the time column: all states jump between two rows."""
+"""Rows that the recorder lost without a gap in the time column: all states jump at one row."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from sim.effects.loads import USUAL_SUB_STEP
 from sim.maths import absolute, maximum, once_for_alike
 
 _USUAL_JUMP = {"rad": 0.05, "rad/s": 0.1, "m/s": 10.0, "m": 300.0, "1": 0.1}
-MOST_STATES = 13  # states of a rigid body in three dimensions: quaternion, position, speed, rates
+MOST_STATES = 13  # those of a rigid body in three dimensions, with a quaternion
 
 
 @dataclass(frozen=True)
 class LostRows:
-    """At ``start`` (s) each state jumps by its change over the time of the lost rows.
+    """At ``start`` (s) each state jumps by its change during the lost rows.
 
-    The states after the gap depend on inputs that were not recorded. So the jump of each state is a
-    parameter, with the name and unit of the state. Equations without inputs have a known motion
-    during the gap, and need only the time ``lost`` (s).
+    The states after the gap depend on inputs that were not recorded. The jump of each state is
+    therefore a parameter, with the name and unit of the state. In equations without inputs the
+    motion during the gap is known, and the only parameter is the time ``lost`` (s).
 
     Attributes
     ----------
-    moved : states of the equations, with their units.
-    sizes : usual jumps, in these units; half the range of a state that the record shows.
+    moved : names and units of the states of the equations.
+    sizes : usual jumps, in these units: half the range of a state in the record.
     free : True for equations without inputs.
     width : half the duration of a jump, s; a jump lasts one sampling interval. If a fit makes one
-        sub-step in an interval (100 Hz and more), jumps are known to a third only.
+        sub-step in an interval (100 Hz and more), the jumps are accurate to a third only.
     """
 
     moved: tuple[tuple[str, str], ...]
@@ -44,13 +44,14 @@ class LostRows:
     station: ClassVar[Station] = Station.SENSOR_PATH
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     explanation: ClassVar[str] = (
-        "The recorder lost rows, and the time column does not tell: a logger counted on from the "
-        "last row it wrote, or times were made afterwards from a sampling rate. At one row the "
-        "whole motion jumps as far as the vehicle flew meanwhile: each state after start = the "
-        "state before it + its jump. A force cannot do that: it changes rates and not angles at "
-        "once. A wrong sensor cannot do it either: only its own channel would jump, and the motion "
-        "after the jump would not follow from the new values. A body without inputs shows how "
-        "much time is lost. Give the parts before and after as two segments, or restore the times."
+        "Rows of the record are lost. The time column has no gap. Causes are a logger that counts "
+        "on from the last row it wrote, or times that were made afterwards from a sampling rate. "
+        "At one row the whole motion jumps by its change during the lost time: each state after "
+        "start = the state before it + its jump. A force cannot do this, because it changes rates, "
+        "and not angles at once. A wrong sensor cannot do it either: only its own channel would "
+        "jump, and the later motion would not follow from the new values. For a body without "
+        "inputs the lost time can be estimated. The remedy is to give the parts before and after "
+        "as two segments, or to restore the times."
     )
     traits: ClassVar[Traits] = Traits(
         sentences=(
@@ -64,8 +65,10 @@ class LostRows:
 
     @property
     def aliases(self) -> tuple[str, ...]:
-        """For a short period a load of lift and moment: one that is shorter than two samples moves
-        alpha and q at once.
+        """Effects that usual records do not distinguish from this one.
+
+        In a short period, a load of lift and moment that is shorter than two samples changes alpha
+        and q at once.
         """
         return ("unmeasured-input",) if self.states_read[:2] == ("alpha", "q") else ()
 
@@ -136,7 +139,7 @@ VARIANTS: tuple[LostRows, ...] = (
 
 
 def made_for(equations: Equations) -> tuple[LostRows, ...]:
-    """Return the effect on all states of equations; none for more than ``MOST_STATES`` states."""
+    """Return the effect on all states of the equations; none beyond ``MOST_STATES`` states."""
     if len(equations.states) > MOST_STATES:
         return ()
     return (_lost_rows(equations.states, free=not equations.inputs),)

@@ -1,12 +1,11 @@
 """Calibration errors of one output channel: scale factor, nonlinear curve, drift and step of zero.
 
-In every effect y is the true value of the channel, in the unit of the channel, before the constant
-bias is added.
+In all effects y is the true value of the channel, in its unit, before the constant bias is added.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
@@ -17,7 +16,7 @@ from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.instances import (
     STEADY_FLIGHT,
     OfChannel,
-    for_outputs,
+    ProbedAtAbsence,
     further_outputs,
     has_typical_output_size,
     large_output,
@@ -36,6 +35,7 @@ _ALIASES_OF_SCALE: Mapping[str, tuple[str, ...]] = MappingProxyType(
     }
 )
 
+# Advice on how to distinguish a scale or a curve from other effects.
 SLOW_AND_QUICK = (
     "slow maneuvers beside quick doublets, small and large: a scale is the same in all of them"
 )
@@ -45,12 +45,12 @@ WITH_LOAD_FACTOR = (
 
 
 @dataclass(frozen=True)
-class SensorScale(OfChannel):
+class SensorScale(OfChannel, ProbedAtAbsence):
     """Scale factor error: y_recorded = scale y + bias.
 
-    ``scale`` is positive and has no unit; 1 for a correct sensor. A scale of the altitude is
-    observable only if it is large: another initial state and ballistic coefficient ``beta`` give
-    nearly the same fall (a scale of 1.03 leaves a residual of a seventh of the noise).
+    ``scale`` is positive and has no unit; it is 1 for a correct sensor. A scale of the altitude is
+    observable only if it is large. Another initial state and ballistic coefficient ``beta`` give
+    nearly the same fall: a scale of 1.03 leaves a residual of a seventh of the noise.
 
     Attributes
     ----------
@@ -67,14 +67,14 @@ class SensorScale(OfChannel):
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"scale": 1.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     explanation: ClassVar[str] = (
-        "The sensor's calibration factor is wrong: y_recorded = scale y + bias. A vane in the "
-        "upwash of the fuselage reads too much, a gyro with a wrong range setting any amount. One "
-        "scaled channel contradicts the others: the kinematics alpha_dot = q - (g/V)(nz - 1) join "
-        "the three without any aerodynamics, so that with alpha, q and nz at hand a single scale "
-        "shows. With two channels it only changes the derivatives: the lift slope for alpha, all "
-        "moment derivatives for q, and the record cannot say which is at fault. An altitude scaled "
-        "together with the density's scale height and with beta gives the same fall but for "
-        "gravity: only where it is large does it show."
+        "Wrong calibration factor: y_recorded = scale y + bias. Causes are a vane in the upwash of "
+        "the fuselage, which reads too much, or a gyro with a wrong range setting. A scaled "
+        "channel contradicts the others, because the kinematics alpha_dot = q - (g/V)(nz - 1) "
+        "relate the three without any aerodynamics. With alpha, q and nz recorded, a single scale "
+        "is observable. With two channels it only changes the derivatives: the lift slope for "
+        "alpha, all moment derivatives for q. The record then cannot show which channel is wrong. "
+        "A scaled altitude together with a changed density scale height and beta gives the same "
+        "fall except for gravity, so only a large scale of the altitude is observable."
     )
 
     @property
@@ -95,9 +95,6 @@ class SensorScale(OfChannel):
             plausible={"scale": (0.5, 2.0)},
         )
 
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return [Probe({"scale": 1.0}, ("scale",))]
-
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {self.channel: p.scale * y[self.channel]}
 
@@ -111,34 +108,36 @@ _ALIASES_OF_CURVE = {
     "ny": ("side-force-nonlinearity",),
     "nx": ("drag-nonlinearity",),
 }
-# rad, rad/s, g: range about trim that is assumed where that of the record is not known
-LARGEST = {"alpha": 0.15, "q": 0.3, "nz": 3.0}
+# Range about trim that is assumed if that of the record is unknown; rad, rad/s, g.
+USUAL_RANGE = {"alpha": 0.15, "q": 0.3, "nz": 3.0}
 POWERS: Mapping[str, int] = MappingProxyType({"curvature": 2, "cubic": 3})
-BOTH = tuple(POWERS)
-AT_HALF = 2.0  # The starting cubic term equals the starting quadratic term at half of the range.
-WITH_OTHERS = (
+# The starting cubic term equals the starting quadratic term at half of the range.
+CUBIC_PER_CURVATURE = 2.0
+WITH_OTHER_CHANNELS = (
     "a record with the other two of alpha, q and nz: a bent load moves all three by the "
     "kinematics, a bent reading one"
 )
 
 
 @dataclass(frozen=True)
-class SensorCurve(OfChannel):
+class SensorCurve(OfChannel, ProbedAtAbsence):
     """Nonlinear calibration: y_recorded = y + curvature y^2 + cubic y^3 + bias.
 
-    y is the true value less ``middle``. ``curvature`` is in 1/unit of the channel and ``cubic`` in
-    1/unit^2, of either sign. The base form has one of the two, the refined form both. Values are
-    plausible if the reading rises over the whole range, 1 + 2 curvature y + 3 cubic y^2 > 0 for
-    each parameter alone, and is at most twice the true value at its ends.
+    Here y is the true value minus ``middle``. ``curvature`` is in 1/unit of the channel and
+    ``cubic`` in 1/unit^2, of either sign. The base form has one of the two parameters, the refined
+    form both. The value of a parameter is plausible if, with this parameter alone, the reading
+    increases with y over the whole range (1 + 2 curvature y + 3 cubic y^2 > 0) and is at most twice
+    the true value at the ends.
 
     Attributes
     ----------
     channel, unit : name and unit of the output that it acts on.
     typical : starting value of ``curvature``, 1/unit.
-    low, high : range of the recorded values about ``middle``, in the unit of the channel.
-    middle : value of the channel where y is zero; 0 if readings are perturbations from trim.
-    is_state : whether the channel is a state, whose range is known without its bias.
-    bends : names of the parameters of this form.
+    low, high : range of the recorded values, counted from ``middle``, in the unit of the channel.
+    middle : value of the channel where y is zero; 0 if readings are perturbations about trim.
+    is_state : whether the channel is a state. The recorded range of a state does not contain the
+        bias.
+    bends : names of the parameters that this form has.
     """
 
     channel: str
@@ -154,14 +153,14 @@ class SensorCurve(OfChannel):
     path_order: ClassVar[int] = 5
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     explanation: ClassVar[str] = (
-        "The sensor's calibration is not straight: y_recorded = y + curvature y^2 + bias, y "
-        "counted from trim, where the slope is one. A vane near a fuselage whose upwash changes "
-        "with the angle, a potentiometer loaded at one end and a filter of pressures do this. "
-        "Pull-ups and push-overs of one size then read unlike. A sensor that errs alike to both "
-        "sides has cubic y^3 in the place of the square, and a freer form has both. The kinematics "
-        "alpha_dot = q - (g/V) nz tell the channel whose reading is bent; lift or moment that bend "
-        "over the angle of attack change the motion itself and obey the kinematics. With one "
-        "channel alone the two look much the same."
+        "Nonlinear calibration: y_recorded = y + curvature y^2 + bias, where y counts from trim "
+        "and the slope there is one. Causes are a vane near a fuselage whose upwash changes with "
+        "the angle, a potentiometer that is loaded at one end, or a pressure filter. Pull-ups and "
+        "push-overs of one size then give readings of different sizes. A sensor with equal errors "
+        "on both sides has cubic y^3 instead of the square; the refined form has both. The "
+        "kinematics alpha_dot = q - (g/V) nz show which channel has the curved reading. In "
+        "contrast, a lift or moment that is nonlinear in the angle of attack changes the motion "
+        "itself, which obeys the kinematics. With one channel alone the two look much the same."
     )
 
     @property
@@ -177,7 +176,9 @@ class SensorCurve(OfChannel):
         reach = max(self.high, -self.low, 1e-6)
         both = {
             "curvature": Parameter("curvature", self.typical, per(self.unit)),
-            "cubic": Parameter("cubic", AT_HALF * self.typical / reach, per_square(self.unit)),
+            "cubic": Parameter(
+                "cubic", CUBIC_PER_CURVATURE * self.typical / reach, per_square(self.unit)
+            ),
         }
         return tuple(both[name] for name in self.bends)
 
@@ -191,7 +192,9 @@ class SensorCurve(OfChannel):
                 "much",
                 "the reading of the {channel} is bent: it has {cubic} times its cube too much",
             ),
-            separating=dict.fromkeys(("lift-nonlinearity", "moment-nonlinearity"), WITH_OTHERS),
+            separating=dict.fromkeys(
+                ("lift-nonlinearity", "moment-nonlinearity"), WITH_OTHER_CHANNELS
+            ),
             plausible={
                 name: limits
                 for name, limits in self._plausible_ranges().items()
@@ -200,7 +203,7 @@ class SensorCurve(OfChannel):
         )
 
     def _plausible_ranges(self) -> Mapping[str, tuple[float, float]]:
-        """Return the plausible range of each parameter, see the class."""
+        """Return the plausible range of each parameter, as the class defines it."""
         up, down = max(self.high, 1e-6), min(self.low, -1e-6)
         reach = max(up, -down)
         return {
@@ -210,10 +213,7 @@ class SensorCurve(OfChannel):
 
     def finer(self) -> SensorCurve:
         """Return the refined form, with both parameters."""
-        return replace(self, bends=BOTH)
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return [Probe(self.absent, self.bends)]
+        return replace(self, bends=tuple(POWERS))
 
     def fitted_to(self, context: SearchContext) -> SensorCurve:
         """Return the effect with the range of the record, less the bias of the channel."""
@@ -224,7 +224,7 @@ class SensorCurve(OfChannel):
         bias = 0.0 if self.is_state else context.values.get(f"bias_{self.channel}", 0.0)
         low, high = recorded_range[0] - bias, recorded_range[1] - bias
         if max(low, -high) > high - low:
-            # Values far from zero: there a square could not be distinguished from a scale.
+            # At values far from zero, a square could not be distinguished from a scale.
             middle = 0.5 * (low + high)
             return replace(self, low=low - middle, high=high - middle, middle=middle)
         return replace(self, low=min(low, 0.0), high=max(high, 0.0))
@@ -239,54 +239,39 @@ class SensorCurve(OfChannel):
 
 
 _LONGITUDINAL_CURVES = (
-    SensorCurve("alpha", "rad", 3.0, -LARGEST["alpha"], LARGEST["alpha"], is_state=True),
-    SensorCurve("q", "rad/s", 0.8, -LARGEST["q"], LARGEST["q"], is_state=True),
-    SensorCurve("nz", "g", 0.1, -LARGEST["nz"], LARGEST["nz"]),
+    SensorCurve("alpha", "rad", 3.0, -USUAL_RANGE["alpha"], USUAL_RANGE["alpha"], is_state=True),
+    SensorCurve("q", "rad/s", 0.8, -USUAL_RANGE["q"], USUAL_RANGE["q"], is_state=True),
+    SensorCurve("nz", "g", 0.1, -USUAL_RANGE["nz"], USUAL_RANGE["nz"]),
 )
 
 
-def _square_or_cube(curves: Sequence[SensorCurve]) -> tuple[Traceable, ...]:
+def _square_or_cube(curves: Iterable[SensorCurve]) -> tuple[Traceable, ...]:
     """Return each curve twice: with the square only, and with the cube only."""
-    return tuple(replace(each, bends=(name,)) for each in curves for name in BOTH)
+    return tuple(replace(each, bends=(name,)) for each in curves for name in POWERS)
 
 
-SCALE_VARIANTS: tuple[Traceable, ...] = (
-    *(SensorScale(channel) for channel in ("alpha", "q", "nz", "altitude")),
-    *_square_or_cube(_LONGITUDINAL_CURVES),
-)
-
-
-def scale_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return a scale, a square and a cube for each output that ``SCALE_VARIANTS`` lacks."""
-    states = {signal.name for signal in equations.states}
-    further = further_outputs(equations)
-    sized = ((each, large_output(each.unit)) for each in further)
-    curves = [
-        SensorCurve(each.name, each.unit, 0.2 / large, -large, large, is_state=each.name in states)
-        for each, large in sized
-    ]
-    return (*(SensorScale(each.name) for each in further), *_square_or_cube(curves))
-
-
-HIGHEST_DRIFT_RATE = 2.0  # 1/s: a drift that settles faster is a step at the begin of the record
-SERIES_BELOW = 1e-3  # of rate times elapsed time: the series is then exact to rounding
+# 1/s; a drift that settles faster is a step at the begin of the record.
+HIGHEST_SETTLING_RATE = 2.0
+# Product of rate and elapsed time below which the series of `settled` is exact to rounding.
+SERIES_BELOW = 1e-3
 
 
 @dataclass(frozen=True)
 class SensorDrift(OfChannel):
     """Drift of zero: y_recorded = y + bias + slope (t - begin).
 
-    The refined form settles: slope (1 - exp(-settling (t - begin))) / settling. ``slope`` is in
-    unit/s, of either sign, ``settling`` in 1/s; each record has its own values.
+    In the refined form the drift settles: y_recorded = y + bias + slope (1 - exp(-settling (t -
+    begin))) / settling. ``slope`` is in unit/s, of either sign, and ``settling`` in 1/s. Each
+    record has its own values.
 
     Attributes
     ----------
     channel, unit : name and unit of the output that it acts on.
     typical : starting slope, unit/s.
-    begin : first time of the record, s. It decorrelates the drift from the bias of the channel.
-    sized : whether usual sizes are known for the unit; then slopes up to twenty times ``typical``
-        are plausible, otherwise any.
-    settles : whether the form has ``settling``.
+    begin : first time of the record, s. Counting from it decorrelates the drift from the bias.
+    sized : whether usual sizes are known for the unit. If so, slopes up to twenty times ``typical``
+        are plausible, otherwise any slope.
+    settles : whether this is the refined form, with ``settling``.
     """
 
     channel: str
@@ -302,30 +287,31 @@ class SensorDrift(OfChannel):
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
     explanation: ClassVar[str] = (
-        "The sensor's zero wanders while the record runs: y_recorded = y + bias + slope (t - "
-        "begin). Warming electronics and gyros do this, and settle: a freer form has slope (1 - "
+        "The zero of the sensor drifts: y_recorded = y + bias + slope (t - begin). Electronics and "
+        "gyros that warm up do this and then settle. The refined form is therefore slope (1 - "
         "exp(-settling (t - begin))) / settling. The deviation grows steadily whatever the "
-        "maneuver, in one channel alone and against the kinematics. A trim or a speed that changes "
-        "slowly moves all channels together instead. The slope belongs to one record; on another "
-        "it has another value, so that another record cannot confirm it, and on measured data slow "
-        "disturbances easily pass for it. On a falling body a drift of the altitude stands for "
-        "anything that adds a constant to the measured velocity, a horizontal motion seen by the "
-        "radar among them."
+        "maneuver, in one channel only and against the kinematics. In contrast, a slow change of "
+        "trim or airspeed changes all channels together. Each record has its own slope, so another "
+        "record cannot confirm it, and in measured data slow disturbances are easily mistaken for "
+        "a drift. On a falling body a drift of the altitude also represents anything that adds a "
+        "constant to the measured velocity, such as a horizontal motion seen by the radar."
     )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         slope = Parameter("slope", self.typical, f"{self.unit}/s")
         return (
-            (slope, Parameter("settling", 0.2, "1/s", bounds=(0.0, HIGHEST_DRIFT_RATE)))
+            (slope, Parameter("settling", 0.2, "1/s", bounds=(0.0, HIGHEST_SETTLING_RATE)))
             if self.settles
             else (slope,)
         )
 
     @property
     def largest_slope(self) -> float:
-        """Largest plausible slope, unit/s; smaller for an altitude, because a drift would otherwise
-        stand for any error of the model of a fall.
+        """Largest plausible slope, unit/s.
+
+        It is smaller for an altitude, because a large drift could represent any error of the model
+        of a fall.
         """
         return (8.0 if self.channel == "altitude" else 20.0) * self.typical
 
@@ -379,18 +365,18 @@ def settled(elapsed: Any, rate: Any) -> Any:
 class SensorStep(OfChannel):
     """Step of zero: y_recorded = y + bias + size from the time ``at`` on.
 
-    ``at`` is in s, ``size`` in the unit of the channel, of either sign; each record has its own
-    values. The step rises over ``width``, centred on ``at``. A search uses one sampling interval,
-    so that the cost depends smoothly on ``at``; the time is then known to half an interval at
-    best, however small its sigma.
+    ``at`` is in s, ``size`` in the unit of the channel, of either sign. Each record has its own
+    values. The step rises over ``width``, centred on ``at``. A search uses a width of one sampling
+    interval, so that the cost depends smoothly on ``at``. The time is then known to half an
+    interval at best, however small its sigma.
 
     Attributes
     ----------
     channel, unit : name and unit of the output that it acts on.
     typical : starting size, in the unit of the channel.
     width : rise time of the step, s.
-    sized : whether usual sizes are known for the unit; then sizes up to twenty times ``typical``
-        are plausible, otherwise any.
+    sized : whether usual sizes are known for the unit. If so, steps up to twenty times ``typical``
+        are plausible, otherwise any step.
     """
 
     channel: str
@@ -405,12 +391,12 @@ class SensorStep(OfChannel):
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ()
     explanation: ClassVar[str] = (
-        "The sensor's zero jumps while the record runs and stays there: y_recorded = y + bias + "
-        "size from the time at on. A vane that is knocked, a connector that slips, an amplifier "
-        "that changes its range and a resynchronised encoder do this. Before and after, the motion "
-        "is that of the model; no other channel takes part, which no force on the aircraft could "
-        "leave so: a load that nobody recorded would move all channels, and over the time of a "
-        "short period. The step belongs to one record."
+        "The zero of the sensor jumps: y_recorded = y + bias + size from the time at on. Causes "
+        "are a vane that is knocked, a connector that slips, an amplifier that changes its range, "
+        "or an encoder that resynchronises. Before and after the step the motion is that of the "
+        "model, and no other channel changes. A force on the aircraft cannot do this: an "
+        "unmeasured load would move all channels, over the time of a short period. Each record has "
+        "its own step."
     )
 
     @property
@@ -447,7 +433,9 @@ class SensorStep(OfChannel):
         return {self.channel: y[self.channel] + p.size * risen(s.time, p.at, self.width)}
 
 
-ZERO_VARIANTS: tuple[Traceable, ...] = (
+VARIANTS: tuple[Traceable, ...] = (
+    *(SensorScale(channel) for channel in ("alpha", "q", "nz", "altitude")),
+    *_square_or_cube(_LONGITUDINAL_CURVES),
     SensorDrift("alpha", "rad", 5e-4),
     SensorDrift("q", "rad/s", 5e-4),
     SensorDrift("nz", "g", 5e-3),
@@ -459,22 +447,19 @@ ZERO_VARIANTS: tuple[Traceable, ...] = (
 )
 
 
-def zero_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return a drift and a step for each output that ``ZERO_VARIANTS`` lacks."""
-    return for_outputs(
-        equations,
-        lambda s: SensorDrift(
-            s.name, s.unit, 0.0025 * large_output(s.unit), sized=has_typical_output_size(s.unit)
-        ),
-        lambda s: SensorStep(
-            s.name, s.unit, 0.05 * large_output(s.unit), sized=has_typical_output_size(s.unit)
-        ),
-    )
-
-
-VARIANTS: tuple[Traceable, ...] = (*SCALE_VARIANTS, *ZERO_VARIANTS)
-
-
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return the effects of this file for outputs that ``VARIANTS`` lacks."""
-    return (*scale_made_for(equations), *zero_made_for(equations))
+    """Return a scale, a square, a cube, a drift and a step for each output that ``VARIANTS`` does
+    not cover.
+    """
+    states = {signal.name for signal in equations.states}
+    made: list[Traceable] = []
+    for name, unit in ((signal.name, signal.unit) for signal in further_outputs(equations)):
+        large, sized = large_output(unit), has_typical_output_size(unit)
+        curve = SensorCurve(name, unit, 0.2 / large, -large, large, is_state=name in states)
+        made += [
+            SensorScale(name),
+            *_square_or_cube([curve]),
+            SensorDrift(name, unit, 0.0025 * large, sized=sized),
+            SensorStep(name, unit, 0.05 * large, sized=sized),
+        ]
+    return tuple(made)

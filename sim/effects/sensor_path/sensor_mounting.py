@@ -4,15 +4,15 @@ that senses the load factor, or that is turned towards another axis.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Parameter, Regularity, Station
-from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
-from sim.effects.instances import OfChannel
-from sim.effects.loads import at_arm
+from sim.declaration.proposal import Traceable, Traits
+from sim.effects.instances import OfChannel, ProbedAtAbsence
+from sim.effects.loads import DisplacedVane
 from sim.maths import G0
 
 MEASURE_IT = (
@@ -20,41 +20,46 @@ MEASURE_IT = (
     "are mounted, or check under which effect the force by the control surface{ (CL_de, L_delta, "
     "CY_dr, CY_da)} is plausible: it differs most"
 )
-# Accelerometers that have a vane in their plane, with the same effect on the kinematics.
+TURNING = {"q": "pitch", "r": "yaw"}  # names of the axes of rates
+# Accelerometers with a vane in their plane, which the kinematics cannot distinguish from them.
 _WITH_VANE = ("nz", "ny")
-_TURNING = {"q": "pitch", "r": "yaw"}
+# Position relative to the centre of gravity, as the begin of a sentence.
 _PLACES = {"nz": "{arm_side}", "ny": "{arm_side}", "nx": "{arm} below"}
 ACCELEROMETER_IN_PITCH = (
-    "An accelerometer ahead of the centre of gravity is lifted when the nose accelerates upward: "
-    "nz_m = nz + (arm/g0) q_dot, arm in m, positive ahead, negative behind. The pitch acceleration "
-    "answers the elevator at once, so the reading jumps when the elevator does, down first for one "
-    "that is ahead. To the kinematics alpha_dot = q - (g/V) nz an accelerometer at arm is the same "
-    "as a vane at -arm, and the short period keeps its form with alpha - (arm/V) q in the place of "
-    "alpha: CL_de, CL_q, CL_alpha and Cm_q take other values and every sample is the same. No "
-    "maneuver tells the two apart while lift and moment are linear; only where the instruments sit "
-    "does, or a CL_de that no tail could make. The library has no vane behind the centre of "
-    "gravity: where the declared derivatives speak for one, an accelerometer ahead is not claimed."
+    "Displaced accelerometer: ahead of the centre of gravity it senses the pitch acceleration, "
+    "nz_m = nz + (arm/g0) q_dot, with arm in m, positive ahead and negative behind. The pitch "
+    "acceleration follows the elevator at once, so the reading jumps when the elevator does. In "
+    "the kinematics alpha_dot = q - (g/V) nz, an accelerometer at arm is the same as a vane at "
+    "-arm. The short period keeps its form if alpha is replaced by alpha - (arm/V) q: with other "
+    "values of CL_de, CL_q, CL_alpha and Cm_q every sample is the same. While lift and moment are "
+    "linear, no maneuver distinguishes the two. Only the mounting position does, or a CL_de that "
+    "no tail could have. The library has no vane behind the centre of gravity. If the declared "
+    "derivatives indicate such a vane, an accelerometer ahead is not claimed."
 )
 ACCELEROMETER_IN_YAW = (
-    "A lateral accelerometer ahead of the centre of gravity is pushed to the right when the nose "
-    "accelerates to the right: ny_m = ny + (arm/g0) r_dot, arm in m, positive ahead, negative "
-    "behind. The yaw acceleration answers the rudder at once, so the reading jumps when the rudder "
-    "does. To the kinematics of sideslip an accelerometer at arm is the same as a vane at -arm; "
-    "side-force derivatives that are free take other values and every sample is the same, so that "
-    "only the declared derivatives, or those held at zero, tell the two apart."
+    "Displaced lateral accelerometer: ahead of the centre of gravity it senses the yaw "
+    "acceleration, ny_m = ny + (arm/g0) r_dot, with arm in m, positive ahead and negative behind. "
+    "The yaw acceleration follows the rudder at once, so the reading jumps when the rudder does. "
+    "In the kinematics of sideslip, an accelerometer at arm is the same as a vane at -arm. With "
+    "other values of the estimated side-force derivatives every sample is the same. Only the "
+    "declared derivatives, or those held at zero, distinguish the two."
 )
-BELOW = (
-    "An axial accelerometer below the centre of gravity is carried forward when the nose "
-    "accelerates upward: nx_m = nx + (arm/g0) q_dot, arm in m below the centre of gravity. The "
-    "pitch acceleration answers the elevator at once, and the reading jumps with it. The axial "
-    "force hardly changes. The residual of nx therefore has the shape of the pitch acceleration, "
-    "and no other channel has it."
+ACCELEROMETER_BELOW = (
+    "Displaced axial accelerometer: below the centre of gravity it senses the pitch acceleration, "
+    "nx_m = nx + (arm/g0) q_dot, with arm in m below the centre of gravity. The pitch acceleration "
+    "follows the elevator at once, and the reading jumps with it, while the axial force hardly "
+    "changes. The residual of nx therefore has the shape of the pitch acceleration, and no other "
+    "channel has this residual."
 )
-_EXPLANATIONS = {"nz": ACCELEROMETER_IN_PITCH, "ny": ACCELEROMETER_IN_YAW, "nx": BELOW}
+_EXPLANATIONS = {
+    "nz": ACCELEROMETER_IN_PITCH,
+    "ny": ACCELEROMETER_IN_YAW,
+    "nx": ACCELEROMETER_BELOW,
+}
 
 
 @dataclass(frozen=True)
-class AccelerometerOffset(OfChannel):
+class AccelerometerOffset(OfChannel, ProbedAtAbsence):
     """The accelerometer is ``arm`` metres ahead of the centre of gravity: nz_m = nz + (arm/g0)
     q_dot.
 
@@ -97,51 +102,47 @@ class AccelerometerOffset(OfChannel):
         return Traits(
             sentences=(
                 f"the accelerometer sits {_PLACES[self.channel]} the centre of gravity and senses "
-                f"the {_TURNING[self.rate]} acceleration",
+                f"the {TURNING[self.rate]} acceleration",
             ),
             short_name="accelerometer away from the centre of gravity",
             separating={"vane-offset": MEASURE_IT},
             twins=self.aliases,
             equivalents=(*self.aliases, "guard:vane-behind") if self.aliases else (),
-            usual={"arm": 1.0},  # m: it is mounted near the center of gravity
+            usual={"arm": 1.0},  # m; it is mounted near the centre of gravity
             plausible={"arm": (-40.0, 40.0) if self.aliases else (-5.0, 5.0)},
         )
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return [Probe({"arm": 0.0}, ("arm",))]
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {self.channel: y[self.channel] + p.arm / G0 * getattr(s, f"{self.rate}_dot")}
 
 
-TURNING = {"q": "pitch", "r": "yaw"}
 ANOTHER_SPEED = (
     "the same maneuver at another airspeed: the error of a vane is its arm times the rate "
     "over the airspeed, a lag or a delay stays"
 )
 VANE_IN_PITCH = (
-    "A vane ahead of the centre of gravity goes up with the nose while the aircraft pitches, so "
-    "that the air meets it from further above: alpha_m = alpha - (arm/V) q, arm >= 0 in m ahead of "
-    "the centre of gravity. In the short period q runs ahead of alpha, and taking some of it off "
-    "makes the reading late: a lag or a delay of the vane by arm/V looks much the same, and only "
-    "fast reversals, where q and alpha_dot differ by the lift, tell them apart. An accelerometer "
-    "as far behind reads the same record under other derivatives, see accelerometer-offset:nz. A "
-    "vane behind the centre of gravity would look like a late q; it is not built, so its arm is "
-    "not allowed."
+    "Displaced vane: ahead of the centre of gravity it senses the pitch rate, alpha_m = alpha - "
+    "(arm/V) q, with arm >= 0 in m ahead of the centre of gravity. The vane moves up with the nose "
+    "while the aircraft pitches up, so the air meets it from further above. In the short period q "
+    "leads alpha, so the reading is late. A lag or a delay of the vane by arm/V therefore looks "
+    "much the same. Only fast reversals, where q and alpha_dot differ by the lift, distinguish "
+    "them. An accelerometer as far behind gives the same record with other derivatives, see "
+    "accelerometer-offset:nz. A vane behind the centre of gravity would make the reading early. "
+    "Such vanes are not built, so a negative arm is not allowed."
 )
 VANE_IN_YAW = (
-    "A vane of sideslip ahead of the centre of gravity swings with the nose: beta_m = beta + "
-    "(arm/V) r, arm >= 0 in m ahead of the centre of gravity, since a nose that yaws to the right "
-    "carries the vane to the right. In the Dutch roll that makes the reading late: a lag or a "
-    "delay of the vane by arm/V looks much the same, and only fast rudder reversals tell them "
-    "apart. A lateral accelerometer as far behind reads the same record under other derivatives, "
-    "see accelerometer-offset:ny. A vane behind the centre of gravity is not built, so its arm is "
-    "not allowed."
+    "Displaced vane of sideslip: ahead of the centre of gravity it senses the yaw rate, beta_m = "
+    "beta + (arm/V) r, with arm >= 0 in m ahead of the centre of gravity. A nose that yaws to the "
+    "right moves the vane to the right. In the Dutch roll this makes the reading late. A lag or a "
+    "delay of the vane by arm/V therefore looks much the same, and only fast rudder reversals "
+    "distinguish them. A lateral accelerometer as far behind gives the same record with other "
+    "derivatives, see accelerometer-offset:ny. Vanes behind the centre of gravity are not built, "
+    "so a negative arm is not allowed."
 )
 
 
 @dataclass(frozen=True)
-class VaneOffset:
+class VaneOffset(DisplacedVane):
     """The vane is ``arm`` metres ahead of the centre of gravity: alpha_m = alpha - (arm/V) q.
 
     ``arm`` is in m, not negative; it adds to an arm in the vehicle's equations. V is the airspeed.
@@ -161,22 +162,10 @@ class VaneOffset:
 
     name: ClassVar[str] = "vane-offset"
     unit: ClassVar[str] = "rad"
-    station: ClassVar[Station] = Station.SENSOR_PATH
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("arm", 5.0, "m", bounds=(0.0, 100.0)),)
-    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})
-    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
 
     @property
     def explanation(self) -> str:
         return VANE_IN_PITCH if self.channel == "alpha" else VANE_IN_YAW
-
-    @property
-    def needs_constants(self) -> tuple[str, ...]:
-        return (self.speed,)
-
-    @property
-    def states_read(self) -> tuple[str, ...]:
-        return (self.rate,)
 
     @property
     def aliases(self) -> tuple[str, ...]:
@@ -194,41 +183,22 @@ class VaneOffset:
             twins=(self._accelerometer,),
             equivalents=(self._accelerometer,),
             plausible={"arm": (0.0, 40.0)},
-            usual={"arm": 10.0},  # m: nose booms
+            usual={"arm": 10.0},  # m; nose booms
         )
 
     @property
     def _accelerometer(self) -> str:
         return f"accelerometer-offset:{'nz' if self.channel == 'alpha' else 'ny'}"
 
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return [Probe({"arm": 0.0}, ("arm",))]
 
-    def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
-        return {
-            self.channel: y[self.channel]
-            + at_arm(s, vehicle, self.sign * p.arm, self.rate, self.speed)
-        }
-
-
-POSITION_VARIANTS: tuple[Traceable, ...] = (
-    AccelerometerOffset(),
-    AccelerometerOffset("ny", "r"),
-    AccelerometerOffset("nx"),
-    VaneOffset(),
-    VaneOffset("beta", "r", 1.0),
-    VaneOffset(speed="reference_airspeed"),
-)
-
-
-JUMPS = (
+GYRO_JUMPS_TOO = (
     "sharp steps of the control, recorded fast: the load factor jumps with the surface, and a gyro "
     "that feels it jumps along"
 )
 
 
 @dataclass(frozen=True)
-class SensorCoupling:
+class SensorCoupling(ProbedAtAbsence):
     """The gyro reads q + gain nz, where nz is the true load factor at the centre of gravity.
 
     ``gain`` is in rad/s per g, of either sign. The constant part of nz becomes part of the bias of
@@ -247,26 +217,24 @@ class SensorCoupling:
     traits: ClassVar[Traits] = Traits(
         sentences=("the gyro senses the load factor: the pitch rate is read too large by {gain}",),
         short_name="gyro that senses the load factor",
-        separating={"sensor-scale": JUMPS},
+        separating={"sensor-scale": GYRO_JUMPS_TOO},
         plausible={"gain": (-0.2, 0.2)},
     )
     explanation: ClassVar[str] = (
-        "A gyro whose gimbal or beam is not balanced answers to acceleration as well: q_m = q + "
-        "gain nz, gain in rad/s per g. To the kinematics alpha_dot = q - (g/V) nz it is the same "
-        "as a load factor read by 1/(1 + gain V/g) of its size; what tells the two apart is only "
-        "that nz jumps with the control surface (CL_de) while a pitch rate cannot. Where CL_de is "
-        "small the record cannot tell them apart, and the derivatives differ."
+        "A gyro senses the load factor: because its gimbal or beam is not balanced, it reads q_m = "
+        "q + gain nz, with gain in rad/s per g. In the kinematics alpha_dot = q - (g/V) nz this is "
+        "the same as a load factor that is read with the factor 1/(1 + gain V/g). Only the jumps "
+        "of nz with the control surface (CL_de) distinguish the two, because a pitch rate cannot "
+        "jump. If CL_de is small, the record cannot distinguish them, and their derivatives "
+        "differ."
     )
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return [Probe({"gain": 0.0}, ("gain",))]
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {"q": y["q"] + p.gain * y["nz"]}
 
 
 @dataclass(frozen=True)
-class TurnedGyro(OfChannel):
+class TurnedGyro(OfChannel, ProbedAtAbsence):
     """A roll or yaw gyro that is turned towards the other axis: it reads r + share p, or p + share
     r.
 
@@ -289,11 +257,12 @@ class TurnedGyro(OfChannel):
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
     explanation: ClassVar[str] = (
-        "A gyro whose axis is turned by a few degrees towards another axis shows a share of that "
-        "rate as well: r_m = r + share p, share the sine of the angle. Rolling is fast where "
-        "yawing is slow, so that 3 degrees are soon seen. The derivatives cannot take it in: the "
-        "kinematics of the sideslip, and the lateral load factor, know the true yaw rate. A "
-        "platform that is turned as a whole has such shares of opposite sign in both gyros."
+        "A gyro is turned towards an axis: it also reads a share of the rate about that axis, r_m "
+        "= r + share p, where share is the sine of the angle. Roll rates are large where yaw rates "
+        "are small, so an angle of 3 degrees is easily observable. The derivatives cannot "
+        "compensate the effect, because the kinematics of sideslip and the lateral load factor "
+        "depend on the true yaw rate. If the whole platform is turned, both gyros have such "
+        "shares, of opposite sign."
     )
 
     @property
@@ -310,21 +279,18 @@ class TurnedGyro(OfChannel):
             plausible={"share": (-0.3, 0.3)},
         )
 
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return [Probe({"share": 0.0}, ("share",))]
-
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {self.channel: y[self.channel] + p.share * y[self.other]}
 
 
-COUPLING_VARIANTS: tuple[Traceable, ...] = (
+VARIANTS: tuple[Traceable, ...] = (
+    AccelerometerOffset(),
+    AccelerometerOffset("ny", "r"),
+    AccelerometerOffset("nx"),
+    VaneOffset(),
+    VaneOffset("beta", "r", 1.0),
+    VaneOffset(speed="reference_airspeed"),
     SensorCoupling(),
     TurnedGyro("p", "r"),
     TurnedGyro("r", "p"),
-)
-
-
-VARIANTS: tuple[Traceable, ...] = (
-    *POSITION_VARIANTS,
-    *COUPLING_VARIANTS,
 )

@@ -8,30 +8,27 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Parameter, Regularity
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.instances import (
-    ABSENT,
+    HalfWidth,
     OfChannel,
+    backlash,
     further_outputs,
-    half_width,
     large_output,
-    plausible_half_width,
-    played,
 )
 from sim.maths import clip, each_column, trailing
 
-# trial widths, as shares of half the range of the readings
-SHARES_OF_HALF_RANGE = (0.04, 0.12, 0.3)
+# Trial half widths: shares of half the range of a vane's readings, or of a gyro's largest reading.
+TRIAL_SHARES = (0.04, 0.12, 0.3)
 VANES = ("alpha", "beta")
 
 
 @dataclass(frozen=True)
-class SensorBacklash(OfChannel):
+class SensorBacklash(HalfWidth, OfChannel):
     """Backlash: the recorded angle y follows the true angle v at a distance of ``half_width``.
 
-    It does not move while |v - y| < half_width. ``half_width`` is in rad, not negative. The record
+    y does not move while |v - y| < half_width. ``half_width`` is in rad, not negative. The record
     starts at the true value, in the middle of the play.
 
     Attributes
@@ -46,24 +43,18 @@ class SensorBacklash(OfChannel):
 
     family: ClassVar[str] = "sensor-backlash"
     path_order: ClassVar[int] = 8
-    absent: ClassVar[Mapping[str, float]] = ABSENT
-    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
-        "Play in the bearing or the linkage of a vane: the pick-off stays put until the vane has "
-        "gone through the play, then follows, y_recorded = y - half_width on the way up and y + "
-        "half_width on the way down. Each reversal of the angle loses twice the half width before "
-        "anything is shown, so that the reading is too small and late after a reversal. A delay is "
-        "the same at all sizes; play weighs more where the motion is small. The kinematics, by a "
-        "rate and a load factor, show that this channel alone is wrong."
+        "Play of a vane, in its bearing or its linkage. The pick-off rests until the vane has "
+        "crossed the play, and then follows: y_recorded = y - half_width while the angle y rises "
+        "and y + half_width while it falls. After each reversal the angle changes by twice the "
+        "half width before the reading changes, so the reading is too small and late. A delay is "
+        "the same for all sizes of motion, whereas play has a larger effect on small motion. The "
+        "kinematics, with a rate and a load factor, show that only this channel is wrong."
     )
 
     @property
     def aliases(self) -> tuple[str, ...]:
         return (f"sensor-lag:{self.channel}", f"sensor-delay:{self.channel}")
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return half_width(self.typical, self.unit)
 
     @property
     def traits(self) -> Traits:
@@ -72,18 +63,14 @@ class SensorBacklash(OfChannel):
             sentences=("the {channel} sensor has a play of +-{half_width} (hysteresis)",),
             short_name="play of the sensor",
             separating=dict.fromkeys(("sensor-lag", "sensor-delay"), small),
-            plausible=plausible_half_width(self.typical),
+            plausible=self.plausible,
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Probe shares of half the range of the readings."""
-        recorded_range = context.flown_range(self.channel)
-        half = (
-            0.5 * (recorded_range[1] - recorded_range[0])
-            if recorded_range is not None
-            else 10.0 * self.typical
-        )
-        return [Probe({"half_width": share * half}) for share in SHARES_OF_HALF_RANGE]
+        recorded = context.flown_range(self.channel)
+        half = 0.5 * (recorded[1] - recorded[0]) if recorded else 10.0 * self.typical
+        return [Probe({"half_width": share * half}) for share in TRIAL_SHARES]
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
         """Return the recorded channel; exact for one that is linear in time within sub-steps."""
@@ -93,15 +80,12 @@ class SensorBacklash(OfChannel):
         shape = np.broadcast_shapes(begin.shape[1:], end.shape[1:])
         row = np.empty((2 * len(end) + 1, *shape), dtype=np.result_type(begin, end))
         row[::2], row[1::2] = begin, end
-        out = each_column(played, row, p.half_width)
+        out = each_column(backlash, row, p.half_width)
         return out[::2], out[1::2]
 
 
-SHARES_OF_LARGEST = (0.04, 0.12, 0.3)  # trial widths, as shares of the largest reading
-
-
 @dataclass(frozen=True)
-class SensorDeadband(OfChannel):
+class SensorDeadband(HalfWidth, OfChannel):
     """Dead band: the recorded rate is sign(v) max(|v| - half_width, 0) plus the bias, where v is
     the true rate.
 
@@ -119,23 +103,17 @@ class SensorDeadband(OfChannel):
 
     family: ClassVar[str] = "sensor-deadband"
     path_order: ClassVar[int] = 6
-    absent: ClassVar[Mapping[str, float]] = ABSENT
-    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     explanation: ClassVar[str] = (
-        "A gyro does not move below a threshold, from friction in its gimbal or a dead zone of its "
-        "electronics: y_recorded = sign(y) max(|y| - half_width, 0). Slow motion is not shown at "
-        "all, and fast motion is shown too small by the half width. The kinematics between the "
-        "rate and the other sensors show that this channel alone is wrong; a nonlinear load "
-        "changes the motion, on which all channels agree."
+        "Threshold of a gyro: because of friction in its gimbal or a dead zone of its electronics, "
+        "y_recorded = sign(y) max(|y| - half_width, 0). Slow motion is not recorded at all, and "
+        "fast motion is recorded too small by the half width. The kinematics between the rate and "
+        "the other sensors show that only this channel is wrong. A nonlinear load, in contrast, "
+        "changes the motion, and all channels then agree."
     )
 
     @property
     def aliases(self) -> tuple[str, ...]:
         return (f"sensor-curve:{self.channel}",)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return half_width(self.typical, self.unit)
 
     @property
     def traits(self) -> Traits:
@@ -145,14 +123,14 @@ class SensorDeadband(OfChannel):
             separating={
                 "sensor-curve": "motion of many sizes: a threshold takes the same off all of them"
             },
-            plausible=plausible_half_width(self.typical),
+            plausible=self.plausible,
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Probe shares of the largest reading."""
-        recorded_range = context.flown_range(self.channel)
-        peak = max(map(abs, recorded_range)) if recorded_range is not None else 10.0 * self.typical
-        return [Probe({"half_width": share * peak}) for share in SHARES_OF_LARGEST]
+        recorded = context.flown_range(self.channel)
+        peak = max(map(abs, recorded)) if recorded else 10.0 * self.typical
+        return [Probe({"half_width": share * peak}) for share in TRIAL_SHARES]
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
         true = y[self.channel]
@@ -163,7 +141,9 @@ VARIANTS: tuple[Traceable, ...] = (SensorBacklash("alpha"), SensorDeadband("q"))
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return a backlash for each vane and a threshold for each rate that ``VARIANTS`` lacks."""
+    """Return a backlash for each vane and a threshold for each rate that ``VARIANTS`` does not
+    cover.
+    """
     further = further_outputs(equations)
     return (
         *(SensorBacklash(s.name, s.unit) for s in further if s.name in VANES and s.unit == "rad"),

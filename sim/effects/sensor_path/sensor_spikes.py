@@ -16,21 +16,21 @@ from sim.effects.instances import further_inputs, further_outputs, large_input, 
 from sim.maths import maximum, minimum, real, trailing
 
 EXPLANATION = (
-    "A few samples are simply wrong: y_recorded = y + size at isolated moments, y elsewhere. Lost "
-    "bits, telemetry dropouts and connectors that lose contact do this. Nothing before or after "
-    "such a sample answers to it, which no motion of the vehicle could do; in the recorded input "
-    "the vehicle does not react to it. A single one outweighs hundreds of good samples in a "
-    "least-squares fit, so spikes are found by rule and set aside before anything else is judged. "
-    "Noise with heavy tails also has large samples, but of all sizes in between; that is no spike, "
-    "nor are outliers in runs."
+    "Isolated samples are wrong: y_recorded = y + size at a few times, and y elsewhere. Causes are "
+    "lost bits, telemetry dropouts and connectors that lose contact. Neighbouring samples do not "
+    "respond to such a sample, which no motion of the vehicle could do. If the recorded input has "
+    "spikes, the vehicle does not react to them. In a least-squares fit a single spike outweighs "
+    "hundreds of good samples. Spikes are therefore found by a rule and masked before anything is "
+    "fitted. Noise with heavy tails also has large samples, but of all sizes in between; these are "
+    "not spikes, nor are outliers in runs."
 )
 
 
 @dataclass(frozen=True)
 class Bursts:
-    """Random times and signs of ``count`` spikes, one in each of as many equal parts of the record.
+    """Random times and signs of ``count`` spikes, drawn from ``seed``.
 
-    They are drawn from ``seed``.
+    The record is divided into ``count`` equal parts, and each part has one spike.
     """
 
     count: int = 6
@@ -40,9 +40,9 @@ class Bursts:
         """Return the mean error over each interval, ``(n, ...)`` with the batch axes of ``p``.
 
         ``begin`` and ``end`` are ``(n,)``, s from the record's start. A spike begins at a multiple
-        of ``p.width`` and lasts for ``p.width``. At an instant (an interval of no length) a spike
-        is read within half a width about its begin, so that rounding of sample times does not
-        matter. ``p.duration`` is that of the record.
+        of ``p.width`` and lasts for ``p.width``. For an interval of no length (an instant), a spike
+        counts if the instant is within half a width of its begin, so that rounding of sample times
+        does not matter. ``p.duration`` is the duration of the record.
         """
         rng = np.random.default_rng(self.seed)
         places = (np.arange(self.count) + rng.uniform(0.2, 0.8, self.count)) / self.count
@@ -78,6 +78,7 @@ class _Spikes:
 
     @property
     def wrong(self) -> str:
+        """Name of the output or input that has the spikes."""
         raise NotImplementedError
 
     @property
@@ -113,7 +114,7 @@ class SensorSpikes(_Spikes):
     """The recorded output has spikes of plus or minus ``size`` at the times of ``bursts``.
 
     They act after all other sensor effects. ``size`` is in the unit of the channel. ``duration`` of
-    the record and ``width`` of a spike, s, are held; with a width of one sampling interval each
+    the record and ``width`` of a spike, s, are held. With a width of one sampling interval each
     spike is one sample. The effect is for simulation: a search finds and masks such samples by a
     rule and fits no size.
 
@@ -149,7 +150,7 @@ class SensorSpikes(_Spikes):
 class InputSpikes(_Spikes):
     """The recorded input has spikes of plus or minus ``size``; the input of the vehicle has none.
 
-    The parameters are those of SensorSpikes. A simulation starts from the recorded input, from
+    The parameters are those of `SensorSpikes`. A simulation starts from the recorded input, from
     which the spikes are subtracted before any other effect on the input.
 
     Attributes
@@ -173,7 +174,7 @@ class InputSpikes(_Spikes):
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Return the means over cells without the spikes.
 
-        A cell that lies in a spike in part loses that part of it.
+        If a spike covers part of a cell, that part of it is subtracted from the mean.
         """
         u, elapsed = np.asarray(u), np.asarray(edges) - edges[0]
         error = self.bursts.errors(elapsed[:-1], elapsed[1:], p)
@@ -192,7 +193,7 @@ VARIANTS: tuple[Traceable, ...] = (
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Return spikes for each output and input that ``VARIANTS`` lacks."""
+    """Return spikes for each output and input that ``VARIANTS`` does not cover."""
     return (
         *(
             SensorSpikes(each.name, each.unit, 0.5 * large_output(each.unit))

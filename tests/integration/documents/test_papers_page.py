@@ -15,11 +15,10 @@ from pathlib import Path
 
 import pytest
 
-from exam.reproduction.command import PAGE, make, written
+from exam.reproduction.command import PAGE, make, scenarios_of, written
 from exam.reproduction.declaration import PAPERS, Paper, paper_of
 from exam.reproduction.lookups import Found, from_file, kept_text, split
 from exam.reproduction.page import WIDTH
-from exam.reproduction.running import scenarios_of
 from scenarios.studies.catalogue import load_document, scenario_names
 from sim.errors import DeclarationError
 from tests.oracles import papers_print as print_

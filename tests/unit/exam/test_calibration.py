@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from exam.calibration import EDGES, Bin, Statement, binned, reliability
+from exam.scoring import EDGES, Bin, Statement, binned, reliability
 
 
 def said(probability: float, *right: bool) -> list[Statement]:

@@ -10,9 +10,7 @@ from pathlib import Path
 import pytest
 from scipy.stats import binomtest
 
-from exam.coverage.every_scenario import PAGE, main
-from exam.coverage.page import judged, page_of
-from exam.coverage.plan import RUNS
+from exam.coverage.every_scenario import PAGE, RUNS, judged, main, page_of
 from scenarios.studies.catalogue import IDENTIFICATION, load_scenario, scenario_names
 
 ROOT = Path(__file__).parents[3]

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from exam.__main__ import main
-from exam.hidden_effects.campaign import (
+from exam.hidden_effects import (
     TraceJudged,
     judged_of,
     named_scenario,

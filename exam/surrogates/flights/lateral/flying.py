@@ -1,5 +1,5 @@
-"""Flights of a drawn aircraft in the lateral axis: flown with all small causes, filtered, sampled;
-one by one, or those of many flights together.
+"""Flights of a drawn aircraft in the lateral axis, flown with all small causes, filtered and
+sampled; one by one, or those of many flights together.
 """
 
 from __future__ import annotations
@@ -25,11 +25,12 @@ from sim.truth.measurement import Measurement, dryden_gust, white_noise
 
 @dataclass(frozen=True, eq=False)
 class _Conditions:
-    """What chance decides of one record before it flies.
+    """Random conditions of one record.
 
-    ``number`` : the record's. ``model`` with what dominates on it, its ``constants``, ``moves`` by
-    input. ``zeros`` : where the trim of each surface lies in its record, rad; ``noise`` : of that
-    record, ``(N,)`` rad. ``sensors`` : the generator of these.
+    ``number`` is the record's number. ``model`` includes the dominant effects that act on it;
+    ``constants`` are its constants, and ``moves`` its maneuvers by input. ``zeros`` are the
+    recorded trims of the surfaces, rad, and ``noise`` is their noise, ``(N,)`` rad. ``sensors`` is
+    the generator of the sensors' noise.
     """
 
     number: int
@@ -41,18 +42,18 @@ class _Conditions:
     sensors: np.random.Generator
 
     def scattered(self, drawn: Drawn) -> dict[str, float]:
-        """The constants that are parameters of the model."""
+        """Return the constants that are parameters of the model."""
         return {key: value for key, value in self.constants.items() if key in drawn.axis.scattered}
 
 
 def fly_lateral(
     drawn: Drawn, number: int, rng: np.random.Generator, noise: bool, step: float
 ) -> tuple[Record, Mapping[str, float]]:
-    """A record, and what was true of it alone: mass, inertias, airspeed, density, thrust above drag
-    (m/s2).
+    """Fly a record, and return it with its own true values: mass, inertias, airspeed, density,
+    thrust above drag (m/s2).
 
-    ``noise`` False leaves out the sensors' noise (that of the recorded surfaces stays: it is one of
-    the small causes); ``step`` in s.
+    Without ``noise`` the sensors have no noise; that of the recorded surfaces remains, because it
+    is one of the small causes. ``step`` is in s.
     """
     causes, time = drawn.surrogate.causes, sample_times(drawn.rate, drawn.surrogate.flight.duration)
     found = _conditions(drawn, number, rng, len(time))
@@ -72,7 +73,7 @@ def _flown(
     std: Mapping[str, float],
     number: int,
 ) -> Record:
-    """One record with sensor noise of these standard deviations."""
+    """Fly one record with sensor noise of these standard deviations."""
     past = drawn.surrogate.causes.noise_time
     sensors = Measurement(std=std, correlation_time=dict.fromkeys(std, past) if past else {})
     model = found.model.with_values(found.scattered(drawn))
@@ -93,10 +94,10 @@ def _flown(
 def fly_lateral_draws(
     drawn: Drawn, generators: Sequence[np.random.Generator], numbers: range, step: float
 ) -> list[list[Record]]:
-    """The records ``numbers`` of many flights of the same plan without the sensors' noise, as
-    ``fly_lateral`` gives one by one, to rounding.
+    """Fly the records ``numbers`` of many flights of the same plan together, without the sensors'
+    noise.
 
-    ``generators`` : one a flight.
+    They agree with those of ``fly_lateral`` to rounding. ``generators`` has one for each flight.
     """
     time = sample_times(drawn.rate, drawn.surrogate.flight.duration)
     spawned = [generator.spawn(len(drawn.maneuvers)) for generator in generators]
@@ -131,7 +132,7 @@ def fly_lateral_draws(
 
 
 def _conditions(drawn: Drawn, number: int, rng: np.random.Generator, samples: int) -> _Conditions:
-    """What one record's generator decides."""
+    """Draw the conditions of one record."""
     flight, causes = drawn.surrogate.flight, drawn.surrogate.causes
     scatter, path_seed, sensor_seed = rng.spawn(3)
     constants, zeros = _scattered(drawn, scatter)
@@ -158,7 +159,7 @@ def _conditions(drawn: Drawn, number: int, rng: np.random.Generator, samples: in
 
 
 def _shown(drawn: Drawn, found: _Conditions, time: np.ndarray, step: float) -> tuple[Channel, ...]:
-    """The surfaces as they are recorded."""
+    """Return the surfaces as they are recorded."""
     return tuple(
         Channel.of(
             name,
@@ -172,7 +173,7 @@ def _shown(drawn: Drawn, found: _Conditions, time: np.ndarray, step: float) -> t
 
 
 def _scattered(drawn: Drawn, rng: np.random.Generator) -> tuple[dict[str, float], dict[str, float]]:
-    """Constants of one record, and where the trim of each surface lies in its record, rad."""
+    """Draw the constants of one record, and the recorded trim of each surface, rad."""
     causes, p = drawn.surrogate.causes, drawn.model.parameters
     levels = {name: float(getattr(causes, level)) for name, level in drawn.axis.scattered.items()}
     constants = {

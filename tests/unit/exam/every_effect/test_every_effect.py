@@ -13,9 +13,8 @@ import pytest
 from exam.__main__ import main
 from exam.every_effect import work
 from exam.every_effect.campaign import COLUMNS, cells_of
-from exam.every_effect.carriers import drawn_carrier
+from exam.every_effect.carriers import Instance, drawn_carrier
 from exam.every_effect.flight import Flown
-from exam.every_effect.kinds import Instance
 from exam.every_effect.work import EveryEffect, scored_flight_of
 from exam.repeated import fly_all
 from exam.scores.scored_flight import Outcome, Standing

@@ -9,11 +9,26 @@ import numpy as np
 import pytest
 
 from exam.every_effect import flight
-from exam.every_effect.carriers import MODELS, drawn_carrier, equations_of
-from exam.every_effect.drawing import FAR, drawn
-from exam.every_effect.flight import STRONGEST, WEAKEST, fly_hidden
-from exam.every_effect.kinds import UNSEEN, Instance, chosen, effect_of, library_kinds
-from exam.every_effect.sizing import LARGEST, Scale, amount_for
+from exam.every_effect.carriers import (
+    MODELS,
+    UNSEEN,
+    Instance,
+    chosen,
+    drawn_carrier,
+    effect_of,
+    equations_of,
+    library_kinds,
+)
+from exam.every_effect.flight import (
+    FAR,
+    LARGEST,
+    STRONGEST,
+    WEAKEST,
+    Scale,
+    amount_for,
+    drawn,
+    fly_hidden,
+)
 from exam.scores.rates import NOTHING, kind_of
 from sim.declaration.effect import full_name
 from sim.declaration.model import Noise

@@ -10,11 +10,16 @@ import numpy as np
 import pytest
 
 from exam.aircraft import drawn_aircraft
-from exam.calibration import Statement
 from exam.random_cases.case import Case, CaseScore, Named
-from exam.random_cases.case_scoring import case_score_of, refusal_score_of
+from exam.random_cases.case_scoring import (
+    case_score_of,
+    coverage,
+    refusal_score_of,
+    summary,
+    summary_table,
+)
 from exam.random_cases.kinds import KINDS
-from exam.random_cases.summary import coverage, summary, summary_table
+from exam.scoring import Statement
 from ident.recording.series import Certainty, RecordFinding
 from ident.recording.series import Kind as FindingKind
 from ident.tracing.diagnosis import Claim, Verdict

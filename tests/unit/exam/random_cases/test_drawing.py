@@ -13,7 +13,7 @@ import pytest
 
 from exam.random_cases.case import Case
 from exam.random_cases.examination import GROUPS, MODELS, drawn_hidden, write_case
-from exam.random_cases.flying import drawn_values, flown, values_again
+from exam.random_cases.flying import all_visible, drawn_values, flown, values_again
 from exam.random_cases.kinds import KINDS, drawable
 from exam.random_cases.vehicles import (
     NOISE,
@@ -23,7 +23,6 @@ from exam.random_cases.vehicles import (
     estimated,
     vehicle_file,
 )
-from exam.random_cases.visible import all_visible
 from exam.scoring import same_fault
 from scenarios.diagnosis.opening import candidates_for
 from sim.declaration.model import Model

@@ -9,12 +9,17 @@ from pathlib import Path
 
 import pytest
 
-from exam.random_cases import examination, series
+from exam.random_cases import examination
 from exam.random_cases.case import Case, CaseScore, Named
-from exam.random_cases.command import random_cases, score
-from exam.random_cases.examination import examine, write_case
+from exam.random_cases.examination import (
+    examine,
+    line_of,
+    random_cases,
+    score,
+    score_of_line,
+    write_case,
+)
 from exam.random_cases.kinds import KINDS
-from exam.random_cases.series import line_of, score_of_line
 from ident.tracing.diagnosis import Verdict
 from sim.errors import RecordError
 from tests.diagnoses import tracing_of
@@ -83,7 +88,7 @@ def scored(seed: int, group: str = "") -> CaseScore:
 def test_a_series_is_the_same_stopped_and_raised(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(series, "examine", scored)
+    monkeypatch.setattr(examination, "examine", scored)
     assert random_cases(["20", "1", "--jobs", "1", "--out", str(tmp_path / "grown")]) == 0
     assert (
         random_cases(["20", "2", "--jobs", "1", "--out", str(tmp_path / "grown"), "--resume"]) == 0
@@ -108,7 +113,7 @@ def test_a_series_is_the_same_stopped_and_raised(
 def test_the_tables_come_again_from_the_files(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(series, "examine", scored)
+    monkeypatch.setattr(examination, "examine", scored)
     for first in ("20", "40"):
         assert random_cases([first, "2", "--jobs", "1", "--out", str(tmp_path / first)]) == 0
     told = capsys.readouterr().out

@@ -11,16 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from exam.surrogates.catalogue import load_surrogate, surrogate_names
 from exam.surrogates.declaration import LATERAL, Causes, FlightLine, Hidden, Surrogate
 from exam.surrogates.flights.dominant import draw_dominant
 from exam.surrogates.flights.drawing import Dominant, Drawn, hiding
 from exam.surrogates.flights.flight import fly_surrogate, write_flight
 from exam.surrogates.flights.flying import fly_drawn, fly_draws
-from exam.surrogates.flights.lateral.drawing import draw_lateral, dutch_roll
-from exam.surrogates.flights.lateral.kinds import LATERAL_KINDS
-from exam.surrogates.flights.lateral.maneuvers import PAIRS
+from exam.surrogates.flights.lateral.drawing import LATERAL_KINDS, PAIRS, draw_lateral, dutch_roll
 from exam.surrogates.pseudo_true import pseudo_true
+from exam.surrogates.schema import load_surrogate, surrogate_names
 from exam.surrogates.study import acts
 from sim.declaration.effect import Station
 from sim.effects.library import effects_for, find_effect

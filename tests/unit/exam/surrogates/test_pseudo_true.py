@@ -14,8 +14,7 @@ from exam.surrogates.fitting import declared_model, estimated, fitted
 from exam.surrogates.flights.drawing import SPEED, Dominant, Drawn, draw, hiding
 from exam.surrogates.flights.flying import fly_drawn, fly_draws
 from exam.surrogates.flights.many_flights import fly_side_by_side
-from exam.surrogates.joint_fit import fit_together
-from exam.surrogates.pseudo_true import has_limit, pseudo_true
+from exam.surrogates.pseudo_true import fit_together, has_limit, pseudo_true
 from scenarios.preparation.measured_inputs import with_flow
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise

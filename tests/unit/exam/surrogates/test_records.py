@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from exam.surrogates.catalogue import load_surrogate, surrogate_names
 from exam.surrogates.declaration import MEASURED, OPTIONAL, Causes, Hidden
 from exam.surrogates.fitting import declared_model, left_over, misfit
 from exam.surrogates.flights.dominant import LEAST, group, sized
@@ -19,6 +18,7 @@ from exam.surrogates.flights.drawing import Dominant, Drawn, draw, hiding
 from exam.surrogates.flights.flight import fly_surrogate, write_flight
 from exam.surrogates.flights.flying import fly_drawn
 from exam.surrogates.flights.kinds import KINDS
+from exam.surrogates.schema import load_surrogate, surrogate_names
 from sim.declaration.effect import Station
 from sim.effects.library import effect_names, find_effect
 from sim.errors import DeclarationError

@@ -22,19 +22,18 @@ from exam.surrogates.campaign import (
     Judged,
     by_derivative,
     by_effect,
+    campaign_text,
     shares,
     surrogate_flights,
     worsened,
 )
-from exam.surrogates.campaign_text import campaign_text
-from exam.surrogates.catalogue import CATALOG, load_surrogate
 from exam.surrogates.declaration import Causes
 from exam.surrogates.flights.drawing import Dominant, draw, hiding
 from exam.surrogates.flights.flight import Flight
 from exam.surrogates.flights.flying import fly_drawn
-from exam.surrogates.page import campaign_page
+from exam.surrogates.report import campaign_page, surrogate_text
+from exam.surrogates.schema import CATALOG, load_surrogate
 from exam.surrogates.study import Naming, SurrogateStudy, acts, naming, scored
-from exam.surrogates.text import surrogate_text
 from ident.tracing.diagnosis import Claim, Prediction, Quantity, Verdict
 from scenarios.diagnosis.diagnose import Tracing
 from scenarios.studies.catalogue import scenario_kind
@@ -210,7 +209,7 @@ def test_flights_are_counted_by_clopper_and_pearson_and_what_one_flight_says_tog
 def test_a_campaign_flies_every_seed_and_says_so(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    from exam.surrogates.campaign_text import write_campaign
+    from exam.surrogates.campaign import write_campaign
 
     monkeypatch.setattr(
         study, "diagnosed", lambda records, vehicle, model, progress: tracing_of(Verdict.PARTIAL)

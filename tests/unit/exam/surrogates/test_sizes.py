@@ -11,16 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from exam.surrogates.catalogue import load_surrogate
 from exam.surrogates.declaration import MEASURED, OPTIONAL, Hidden, Surrogate
 from exam.surrogates.flights import flight
 from exam.surrogates.flights.dominant import LEAST, draw_dominant, group
 from exam.surrogates.flights.drawing import SPEED, Dominant, Drawn, draw, hiding
 from exam.surrogates.flights.flying import fly_drawn, fly_draws
-from exam.surrogates.flights.kinds import KINDS
+from exam.surrogates.flights.kinds import KINDS, SIZES, values_at
 from exam.surrogates.flights.level import level_elevator, steered
 from exam.surrogates.flights.maneuvers import maneuver
-from exam.surrogates.flights.sizes import SIZES, values_at
+from exam.surrogates.schema import load_surrogate
 from sim.effects.library import find_effect
 from sim.errors import DeclarationError
 from sim.record import Record

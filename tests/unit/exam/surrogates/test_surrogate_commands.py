@@ -14,7 +14,7 @@ from exam.__main__ import main
 from exam.repeated import fly_all
 from exam.surrogates import study
 from exam.surrogates.campaign import shares, surrogate_flights
-from exam.surrogates.catalogue import load_surrogate, surrogate_names
+from exam.surrogates.schema import load_surrogate, surrogate_names
 from ident.tracing.diagnosis import Verdict
 from scenarios.files.records import read_record
 from scenarios.files.vehicles import read_vehicle

@@ -118,7 +118,7 @@ def test_nonlinear_control_bends_moment_and_lift_alike(share: float) -> None:
         RIGID.u[0],
         lambda t, a, q, u, z: (share * v["CL_de"] * float(f(u)), v["Cm_de"] * float(f(u)), ()),
     )
-    close(rigid(ControlNonlinearity(-0.12, 0.15), given), expected)
+    close(rigid(ControlNonlinearity(low=-0.12, high=0.15), given), expected)
 
 
 @pytest.mark.long

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sim.effects.loads import weight_lift
+from sim.effects.disturbance.airspeed import weight_lift
 from sim.maths import G0
 from tests.bases import LOES_CONSTANTS, RIGID_VALUES
 

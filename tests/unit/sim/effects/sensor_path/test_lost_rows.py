@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from exam.recorder_faults import clock
+from exam import recorder_faults as faults
 from ident.tracing.diagnosis import Verdict
 from ident.tracing.loop import diagnose
 from sim.declaration.proposal import SearchContext, Traceable
@@ -120,7 +120,7 @@ def test_lost_rows_are_traced_to_the_row() -> None:
                 for name, std in noise.items()
             ),
         )
-        records.append(clock.rows_lost(whole, spell, rng))
+        records.append(faults.rows_lost(whole, spell, rng))
     candidates = [each for each in effects_for(model.equations) if isinstance(each, Traceable)]
     found = diagnose(
         records[:1], model, candidates, catch_all_terms_for(model.equations), records[1:]

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.effects.loads import JUMP_SPREAD_TIME
-from sim.effects.sensor_path.sensor_timing import SensorDelay
+from sim.effects.sensor_path.sensor_timing import JUMP_SPREAD_TIME, SensorDelay
 from sim.maths import COMPLEX_STEP
 
 DELAY = SensorDelay("nz")

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from sim.effects.instances import played
+from sim.effects.instances import backlash
 from sim.effects.sensor_path.sensor_calibration import SensorScale
 from sim.effects.sensor_path.sensor_mounting import TurnedGyro
 from sim.effects.sensor_path.sensor_play import SensorBacklash, SensorDeadband
@@ -29,7 +29,7 @@ def follower(values: np.ndarray, half_width: float) -> np.ndarray:
 @given(ANGLES, st.floats(0.0, 0.1))
 def test_a_play_follows_at_its_distance(values: np.ndarray, half_width: float) -> None:
     np.testing.assert_allclose(
-        played(values, half_width), follower(values, half_width), rtol=0.0, atol=1e-15
+        backlash(values, half_width), follower(values, half_width), rtol=0.0, atol=1e-15
     )
 
 

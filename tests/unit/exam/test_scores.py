@@ -13,12 +13,26 @@ import numpy as np
 import pytest
 from scipy.stats import beta, binom
 
-from exam.scores.content import scores_content
-from exam.scores.coverage import NORMAL, coverage_of
 from exam.scores.figures import scores_figures
-from exam.scores.page import drawn_scores, scores_sections
-from exam.scores.probabilities import brier, reliability_of
-from exam.scores.rates import Scores, false_share, outcomes, right_share, standings
+from exam.scores.rates import (
+    NORMAL,
+    Scores,
+    brier,
+    coverage_of,
+    false_share,
+    outcomes,
+    reliability_of,
+    right_share,
+    standings,
+)
+from exam.scores.report import (
+    confusion_rows,
+    drawn_scores,
+    rate_rows,
+    scores_blocks,
+    scores_content,
+    scores_sections,
+)
 from exam.scores.scored_flight import (
     Outcome,
     ScoredFlight,
@@ -31,8 +45,6 @@ from exam.scores.scored_flight import (
     plain_name,
     stated_by,
 )
-from exam.scores.tables import confusion_rows, rate_rows
-from exam.scores.text import scores_blocks
 from ident.statistics.residuals import ErrorFigures
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
 from scenarios.report.figure_formats import USUAL
@@ -349,7 +361,7 @@ def test_bars_are_as_long_as_the_shares() -> None:
 
 
 def test_scenarios_give_the_same_marks() -> None:
-    from exam.hidden_effects.campaign import TraceJudged, scored_flight_of
+    from exam.hidden_effects import TraceJudged, scored_flight_of
     from scenarios.trials.planted_declaration import Grade
 
     claim = Claim(

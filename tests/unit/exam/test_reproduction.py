@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from exam.reproduction.command import main
+from exam.reproduction.command import main, run_all, study_in
 from exam.reproduction.declaration import (
     Matrix,
     Paper,
@@ -24,9 +24,7 @@ from exam.reproduction.declaration import (
 )
 from exam.reproduction.lookups import Found, Numbers, from_studies, number_in, settling_time
 from exam.reproduction.page import page_of, table
-from exam.reproduction.rows import Row, rows_of
-from exam.reproduction.running import run_all, study_in
-from exam.reproduction.statements import cells_of, combined, holds, told
+from exam.reproduction.rows import Row, cells_of, combined, holds, rows_of, told
 from sim.errors import DeclarationError
 
 STUDY = {

@@ -1,1 +1,0 @@
-"""Faults of a recorder, put into a record after sampling and noise."""
