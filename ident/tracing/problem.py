@@ -1,5 +1,5 @@
-"""The problem of one search, which is immutable, and the numbers of its records that a search starts
-from: spans, input sizes, peaks of the residual's spectrum.
+"""The problem of one search, which is immutable, and the numbers of its records that a search
+starts from: spans, input sizes, peaks of the residual's spectrum.
 """
 
 from __future__ import annotations
@@ -33,13 +33,12 @@ def no_progress(text: str, share: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Ended:
-    """A converged fit and its arguments. The refined form of a claim is fitted for comparison and
-    for sigmas; the second call reuses the first.
-    """
+    """A fit and its arguments."""
 
     start: FittedModel | None
     effects: tuple[Traceable, ...]
     added: Mapping[str, float]
+    rough: bool
     fitted: FittedModel | None
 
 
@@ -108,20 +107,19 @@ class TraceProblem:
         rough: bool = False,
     ) -> FittedModel | None:
         """Fit a set from another one's values, coarsely during the search or to convergence. None
-        where no cost is finite. Without a start the declared model is fitted once.
+        where no cost is finite. A fit that is asked for again is not repeated.
         """
-        if rough:
-            return self._fit(effects, self.roughly, start, added)
-        asked = (start, tuple(effects), dict(added or {}))
+        asked = (start, tuple(effects), dict(added or {}), rough)
         for one in reversed(self._ended):
             same = one.start is start or (start is None and not effects)
-            if same and (one.effects, one.added) == asked[1:]:
+            if same and (one.effects, one.added, one.rough) == asked[1:]:
                 return one.fitted
         random = any(isinstance(effect, NoiseEffect) for effect in effects)
         enough = SETTLED_WITH_NOISE_LEVELS if random else SETTLED_LOG_LIKELIHOOD
         settings = FitSettings(self.settings.max_step, iterations=TO_THE_END, enough=enough)
-        self._ended.append(_Ended(*asked, self._fit(effects, settings, start, added)))
-        return self._ended[-1].fitted
+        fitted = self._fit(effects, self.roughly if rough else settings, start, added)
+        self._ended.append(_Ended(*asked, fitted))
+        return fitted
 
     def _fit(
         self,
@@ -131,6 +129,12 @@ class TraceProblem:
         added: Mapping[str, float] | None,
     ) -> FittedModel | None:
         return fit_set(self.data, effects, settings, start_from(start, added))
+
+    def with_kinematics(self, groups: Sequence[tuple[str, ...]]) -> TraceProblem:
+        """Return the problem with other kinematic evidence. Its fits are the same."""
+        other = replace(self, kinematic=tuple(groups))
+        other._ended.extend(self._ended)
+        return other
 
     def with_masks(self, masks: Sequence[np.ndarray]) -> TraceProblem:
         """Return the problem with other masks; earlier fits do not belong to it."""

@@ -76,6 +76,7 @@ class Search:
     alike : by pairs of names, the largest cosine of their signatures.
     fits : number of fits.
     shown, rivals : last simulated signatures of all candidates, weights of a discrepancy alone.
+    last_gain : gain of weight by the last round; a search that continues another one has its gain.
 
     Raises
     ------
@@ -98,6 +99,7 @@ class Search:
     tried: list[Candidate] = field(default_factory=list)
     fits: int = 0
     rivals: dict[Key, float] = field(default_factory=dict)
+    last_gain: float = math.inf
 
     def __post_init__(self) -> None:
         declared = self.problem.fit((), None)
@@ -251,20 +253,22 @@ class Search:
     def run(self) -> Search:
         """Run rounds until the best set has been scanned and no set is better.
 
-        Then each of its members is left out, and alternatives are tried.
+        Then each of its members is left out, and alternatives are tried. The search ends at once
+        if a discrepancy is by far likelier.
         """
         _ = self.root
+        if self._discrepancy_is_likelier():
+            return self
         for _ in range(MOST_ROUNDS):
             best = self.best()
             if best.names in self.expanded or self.budget_spent:
                 break
-            self.expand(best)
-            if self._discrepancy_is_likelier(self.best().weight - best.weight):
-                return self
-            self._in_finer_forms()
-            self._with_look_alikes()
-            if self._discrepancy_is_likelier(self.best().weight - best.weight):
-                return self
+            for parts in ((self._expand_best,), (self._in_finer_forms, self._with_look_alikes)):
+                for part in parts:
+                    part()
+                self.last_gain = self.best().weight - best.weight
+                if self._discrepancy_is_likelier():
+                    return self
         for _ in range(2):
             top = self.best()
             members = sorted(self.added(top))
@@ -289,18 +293,21 @@ class Search:
         self._with_equivalents()
         return self
 
-    def _discrepancy_is_likelier(self, raised: float) -> bool:
+    def _expand_best(self) -> None:
+        self.expand(self.best())
+
+    def _discrepancy_is_likelier(self) -> bool:
         """Return whether a discrepancy alone exceeds the best set by more than the gain of the last
         round.
         """
         best = self.best()
-        if self.discrepancy is None or is_noise(best.fitted.fit):
+        if self.discrepancy is None or self.last_gain == math.inf or is_noise(best.fitted.fit):
             return False
         base = (self.discrepancy, *best.fitted.background)
         key = frozenset(each.name for each in base)
         if key not in self.rivals:
             self.rivals[key] = Search(self.problem, (), base).root.weight
-        return self.rivals[key] - best.weight > raised
+        return self.rivals[key] - best.weight > self.last_gain
 
     def rerun_in(self, problem: TraceProblem, data: str) -> Search:
         """Return the search with other masks or records; it continues if another set is then the
@@ -315,6 +322,7 @@ class Search:
         """
         other = Search(problem, self.candidates, self.base, self.title, self.discrepancy)
         other.alike, other.steps, other.tried = dict(self.alike), [*self.steps], [*self.tried]
+        other.last_gain = self.last_gain
         found = [other.root]
         leading = sorted(self.visited.values(), key=lambda one: -one.weight)[: 2 * FITTED_SINGLES]
         for one in leading:
@@ -352,10 +360,12 @@ class Search:
 
         The prior odds of its sets change; it continues if another set is then the most probable.
         """
-        self.problem = replace(self.problem, kinematic=tuple(groups))
+        self.problem = self.problem.with_kinematics(groups)
         for key, one in self.visited.items():
             self.visited[key] = self.weighed_by_own_odds(one)
         named = self.set_named_by_kinematics()
+        if self._discrepancy_is_likelier():
+            return self
         if named is not None and named.names not in self.expanded and not self.budget_spent:
             self.expand(named)  # further effects were searched for at other sets only
         return self if self.best().names in self.expanded else self.run()
