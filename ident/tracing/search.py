@@ -137,7 +137,6 @@ class Search:
         """Whether the budget of fits is used up."""
         return self.fits > self.problem.settings.budget
 
-    # ---------------------------------------------------------------- fits
     def store(self, fitted: FittedModel) -> WeighedSet:
         """Evaluate a fit and store it; of two optima of a set the better one.
 
@@ -249,7 +248,6 @@ class Search:
         found = self.visited.get(parent.names - {name})
         return self.fit_without(parent, name) if found is None else self._fitted_from_part(found)
 
-    # ---------------------------------------------------------------- rounds
     def run(self) -> Search:
         """Run rounds until the best set has been scanned and no set is better.
 
@@ -263,12 +261,14 @@ class Search:
             best = self.best()
             if best.names in self.expanded or self.budget_spent:
                 break
-            for parts in ((self._expand_best,), (self._in_finer_forms, self._with_look_alikes)):
-                for part in parts:
-                    part()
+            self.expand(best)
+            self.last_gain = self.best().weight - best.weight
+            if not self._discrepancy_is_likelier():
+                self._in_finer_forms()
+                self._with_look_alikes()
                 self.last_gain = self.best().weight - best.weight
-                if self._discrepancy_is_likelier():
-                    return self
+            if self._discrepancy_is_likelier():
+                return self
         for _ in range(2):
             top = self.best()
             members = sorted(self.added(top))
@@ -278,11 +278,8 @@ class Search:
                 self._scan_beside_single_effects()
             for name in members if len(members) > 1 else ():
                 smaller = self.fit_without(top, name)
-                if (
-                    smaller is not None
-                    and smaller.names not in self.expanded
-                    and not self.budget_spent
-                ):
+                new = smaller is not None and smaller.names not in self.expanded
+                if smaller is not None and new and not self.budget_spent:
                     self.expand(smaller, most=2)
             if self.best() is top or self.budget_spent:
                 break
@@ -292,9 +289,6 @@ class Search:
         self._with_look_alikes()
         self._with_equivalents()
         return self
-
-    def _expand_best(self) -> None:
-        self.expand(self.best())
 
     def _discrepancy_is_likelier(self) -> bool:
         """Return whether a discrepancy alone exceeds the best set by more than the gain of the last
@@ -425,7 +419,6 @@ class Search:
         """Try the best set with each member replaced by each confusable effect."""
         best = self.best()
         for effect in [each for each in best.fitted.effects if each.name in self.added(best)]:
-            smaller = self.visited.get(best.names - {effect.name})
             wanted = {
                 name
                 for name in (*self._confusable_names(effect.name), *effect.traits.twins)
@@ -433,6 +426,7 @@ class Search:
             }
             if not wanted:
                 continue
+            smaller = self.visited.get(best.names - {effect.name})
             smaller = smaller or self.fit_without(best, effect.name)
             if smaller is not None:
                 self.sets_with_replacement(smaller, wanted)
@@ -585,7 +579,6 @@ class Search:
         ]
         return [self.store(fitted) for fitted in made if fitted is not None]
 
-    # ---------------------------------------------------------------- events
     def _with_events_moved(self, one: WeighedSet) -> WeighedSet:
         """Try the events of a set at earlier and later times, which have local optima."""
         for effect in [each for each in one.fitted.effects if each.traits.onset]:
