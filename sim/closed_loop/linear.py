@@ -303,7 +303,7 @@ _DECIBELS_PER_NEPER = 20.0 / math.log(10.0)
 # square root of the usual weight 0.01745 of an error of 1 deg, per rad
 _PHASE_WEIGHT_ROOT = math.sqrt(0.01745) * 180.0 / math.pi
 # Start of the search, and typical magnitudes of the parameters.
-_START = np.array([-2.0, -10.0, -4.0, 0.3, 0.0, 12.0, 0.1])
+_START = np.array([-2.0, -10.0, -1.0, 0.3, 0.0, 12.0, 0.1])
 _SCALE = np.array([1.0, 10.0, 3.0, 0.3, 0.01, 10.0, 0.1])
 _MOST_STEPS = 12  # most Gauss-Newton steps from a near start
 _SETTLED_STEP_SHARE = 1e-6  # largest last step, as a share of each parameter's size

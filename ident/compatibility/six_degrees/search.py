@@ -568,11 +568,10 @@ def confusable_faults(
     exchange_losses : (accepted fault, replacement) -> loss from full fits.
     """
     rivals = [j for j in candidates if j not in members]
-    sets = fit_sets(
-        linear.joint,
-        linear.faults,
-        np.array([_with_replacement(members, i, j) for j in rivals]).reshape(len(rivals), -1),
-    )
+    if not rivals:
+        return {}
+    replaced = np.array([_with_replacement(members, i, j) for j in rivals])
+    sets = fit_sets(linear.joint, linear.faults, replaced)
     accepted = fit_sets(linear.joint, linear.faults, np.array([_with_replacement(members, i, i)]))
     losses = (
         accepted.gain[0]

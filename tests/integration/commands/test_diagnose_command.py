@@ -82,7 +82,7 @@ def run(
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-c", code, *(str(argument) for argument in arguments)]
     return subprocess.run(
-        command, env=environment, capture_output=True, text=True, timeout=120, cwd=ROOT
+        command, env=environment, capture_output=True, text=True, timeout=300, cwd=ROOT
     )
 
 

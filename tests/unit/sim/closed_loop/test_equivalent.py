@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from sim.closed_loop.airframe import load_x29
@@ -83,6 +83,7 @@ def test_recorded_skew_counts_as_delay() -> None:
         st.floats(0.05, 0.2),
     )
 )
+@example((-1.0625, -6.0, -5.0, 0.5, 0.0, 9.0, 0.125))
 def test_a_low_order_system_is_recovered(values: tuple[float, ...]) -> None:
     given_values = dict(zip(FITTED_NAMES, values, strict=True))
     found = fit_equivalent(
