@@ -552,6 +552,8 @@ def watch(
     port: WatchPort = None,
     band: WatchBand = None,
     hold: Held = None,
+    figures: Figures = None,
+    no_figures: NoFigures = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -560,6 +562,7 @@ def watch(
     from scenarios.commands.watch import watch_loop, watch_stream
     from scenarios.watching.loop_margins import MAIN, loop_names
 
+    formats = formats_of(figures, no_figures)
     plan = plan_of(rate=rate, columns=columns, hold=hold)
     signals = [*(inputs or ()), *(outputs or ())]
     if excitation:
@@ -567,12 +570,24 @@ def watch(
     _refuse_mixed_watch(model, margins, signals)
     if margins is not None:
         names = loop_names(margins, inputs or (), outputs or (), excitation)
-        with output_options(out, (), quiet=quiet, as_json=as_json, documents=[MAIN]) as target:
-            watch_loop(record, names, channels, target.out, idle, until_end, page, port, plan, band)
+        with output_options(out, formats, quiet=quiet, as_json=as_json, documents=[MAIN]) as target:
+            watch_loop(
+                record,
+                names,
+                channels,
+                target.out,
+                idle,
+                until_end,
+                page,
+                port,
+                plan,
+                band,
+                target.figures,
+            )
         return
     assert model is not None
     with output_options(
-        out, (), quiet=quiet, as_json=as_json, documents=["comparison.json"]
+        out, formats, quiet=quiet, as_json=as_json, documents=["comparison.json"]
     ) as target:
         watch_stream(
             record,
@@ -588,4 +603,5 @@ def watch(
             port,
             plan,
             band,
+            target.figures,
         )

@@ -35,6 +35,7 @@ from scenarios.report.document import (
     reproduction,
     section,
 )
+from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.report.folder import CONTENT, write_page
 from scenarios.report.summary import PAGE
 from scenarios.report.terminal import derived_table, estimates_table, fixed_table
@@ -500,6 +501,7 @@ def write_watch(
     end: WatchOutcome,
     history: History,
     name: str,
+    figures: Formats = USUAL,
 ) -> None:
     """Write the files of a watch; the growing history becomes one of them."""
     with study_folder(out, "comparison.json") as scratch:
@@ -511,7 +513,7 @@ def write_watch(
         digest = hashlib.sha256(record_file.read_bytes()).hexdigest()
         content = watch_content(session, reference, end)
         title = f"{content['vehicle']}: {name}"
-        first = history_section(scratch, history_text, content, title)
+        first = history_section(scratch, history_text, content, title, figures)
         write_page(scratch, watch_page(content, name, digest, first, session.vehicle.identity))
         write_json(
             scratch / "comparison.json",
