@@ -341,11 +341,22 @@ def report(
     pdf: Annotated[
         bool, flag("--pdf", "Print it as report.pdf as well, by Chromium or Chrome.")
     ] = False,
+    paper: Annotated[
+        str | None,
+        valued(
+            "--paper",
+            "a4|letter",
+            "Paper of the PDF; A4 when left out.",
+            complete=options.fixed_words("a4", "letter"),
+        ),
+    ] = None,
 ) -> None:
     """The page of a study again, from its folder, without computing anything; its tables, a PDF."""
     from scenarios.commands.studies import rebuild_pages
 
-    rebuild_pages(folders, tables=tables, pdf=pdf)
+    if paper is not None and not pdf:
+        raise DeclarationError("there is no PDF", where="--paper", remedy="add --pdf")
+    rebuild_pages(folders, tables=tables, pdf=pdf, paper=(paper or "a4").lower())
 
 
 # ---- flightid list, effects, models and vehicles

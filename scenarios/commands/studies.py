@@ -533,7 +533,9 @@ def design_maneuver(
 # ---- flightid report: pages of study folders, written again
 
 
-def rebuild_pages(folders: Sequence[Path], *, tables: bool = False, pdf: bool = False) -> None:
+def rebuild_pages(
+    folders: Sequence[Path], *, tables: bool = False, pdf: bool = False, paper: str = "a4"
+) -> None:
     """Write ``report.html`` of each folder again.
 
     Parameters
@@ -541,10 +543,11 @@ def rebuild_pages(folders: Sequence[Path], *, tables: bool = False, pdf: bool = 
     folders : study folders.
     tables : also write the tables as Markdown, LaTeX and XLSX.
     pdf : also write the page as ``report.pdf``.
+    paper : its paper, ``a4`` or ``letter``.
 
     Raises
     ------
-    FlightidError : a folder has no content of a page.
+    FlightidError : a folder has no content of a page, or there is no such paper.
     """
     from scenarios.report.folder import rebuilt, stored_page
 
@@ -558,4 +561,4 @@ def rebuild_pages(folders: Sequence[Path], *, tables: bool = False, pdf: bool = 
         if pdf:
             from scenarios.report.folder import write_pdf
 
-            print(f"PDF: {write_pdf(folder)}")
+            print(f"PDF: {write_pdf(folder, paper)}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from pathlib import Path
 
@@ -89,3 +90,28 @@ def test_no_browser_and_a_broken_one_are_one_line(
     with pytest.raises(FlightidError, match="chromium did not print the page"):
         write_pdf(tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the stand-in for a browser is a shell script")
+@pytest.mark.parametrize(("paper", "size"), [("a4", "A4"), ("letter", "letter")])
+def test_a_pdf_is_on_the_paper_that_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, paper: str, size: str
+) -> None:
+    program = tmp_path / "browser"
+    program.write_text(
+        "#!/bin/sh\n"
+        "for word; do case $word in --print-to-pdf=*) out=${word#*=};; file:*) page=${word#file://};;"
+        ' esac; done\ncat "$page" > "$out"\n'
+    )
+    program.chmod(0o755)
+    monkeypatch.setattr(folder, "browser", lambda: str(program))
+    study = tmp_path / "study"
+    study.mkdir()
+    (study / "report.html").write_text("<style>@page { margin: 16mm; }</style>")
+    assert f"@page {{ size: {size}; margin: 16mm; }}" in write_pdf(study, paper).read_text()
+    assert {each.name for each in study.iterdir()} == {"report.html", "report.pdf"}
+
+
+def test_an_unknown_paper_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(FlightidError, match="'a5' is no size of paper; give a4 or letter"):
+        write_pdf(tmp_path, "a5")
