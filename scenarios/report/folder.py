@@ -314,7 +314,8 @@ def write_pdf(folder: Path, paper: str = "a4") -> Path:
     Raises
     ------
     FlightidError
-        There is no such paper or no such browser, or the browser did not print.
+        There is no such paper or no such browser, the folder has no content of a page, or the
+        browser did not print.
     """
     if paper not in PAPERS:
         raise FlightidError(
@@ -362,10 +363,10 @@ def _sized(folder: Path, paper: str) -> Iterator[Path]:
     Chromium has no option for the paper and takes US letter. The copy is beside the page, so that
     relative links lead to the same files.
     """
-    page, copy = folder / PAGE, folder / f".printed-{PAGE}"
-    text = page.read_text(encoding="utf-8") if page.is_file() else ""
+    copy = folder / f".printed-{PAGE}"
+    text = page_html(stored_page(folder), PAPERS[paper])
     try:
-        write_text(copy, text.replace("@page {", f"@page {{ size: {PAPERS[paper]};", 1))
+        write_text(copy, text)
         yield copy
     finally:
         copy.unlink(missing_ok=True)

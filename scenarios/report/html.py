@@ -288,15 +288,18 @@ _FIGURES = {
 }
 
 
-def page_html(page: Page) -> str:
+def page_html(page: Page, paper: str = "") -> str:
     """Return the page; the same for the same content.
 
-    Its security policy allows only its own style and script, by their hashes.
+    ``paper`` is the size of the printed page in CSS (``"A4"``); empty leaves it to the browser.
+    The page's security policy allows only its own style and script, by their hashes.
     """
     from markupsafe import Markup
 
     plots = _plots(page)
     style, script = _style(), _resource("page.js")
+    if paper:
+        style = style.replace("@page {", f"@page {{ size: {paper};", 1)
     if plots:
         style, script = f"{_resource('uplot.min.css')}\n{style}", _with_plots(script)
     inputs = Table(
