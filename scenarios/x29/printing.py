@@ -28,7 +28,14 @@ from scenarios.report.document import (
     known,
     table,
 )
-from scenarios.report.quantities import console, is_frequency, number_text, test_line
+from scenarios.report.quantities import (
+    Shown,
+    console,
+    is_frequency,
+    number_text,
+    shown_in,
+    test_line,
+)
 from scenarios.report.summary import (
     BELOW,
     Summary,
@@ -58,7 +65,7 @@ from scenarios.x29.findings import COMPARED, off, own_method, sentences
 from scenarios.x29.study import LoopStudy
 
 TITLES = {"simulation": "Table 1", "flight": "Table 2"}
-SQUARED = "unit²"  # heading of a variance; the row names the quantity
+PER_ROOT_SECOND = "unit/√s"  # square root of a spectral density; the row names the unit
 
 
 def paper_blocks(study: LoopStudy) -> list[Block]:
@@ -100,37 +107,66 @@ def _triangle(title: str, names: tuple[str, ...], C: np.ndarray) -> Table:
 
 def _states(study: LoopStudy, column: str) -> list[Block]:
     rows = procedure_and_printed(study, column)
-    values = list(rows.values())
+    shown = {name: shown_in(unit, name) for name, unit in units_of(study).items()}
 
-    def block(key: str, heading: str, unit: str) -> list[tuple[Column, list[Cell]]]:
+    def both(key: str, heading: str) -> list[tuple[Column, list[Cell]]]:
+        """Return values with their sigmas, here and as published."""
         here, published = (
-            ["" if row[key][side] is None else formatted(row[key][side], ".2e") for row in values]
+            [
+                _with_variance(row[key][side], row[f"{key}_variance"][side], shown[name])
+                for name, row in rows.items()
+            ]
             for side in ("here", "published")
         )
-        first = f"{heading}, here"
         return [
-            (Column(first, unit, printed=first), here),
-            (Column("published", unit, printed="published", beside=True), published),
+            (Column(f"{heading}, here", BY_ROW), here),
+            (Column(f"{heading}, published", BY_ROW), published),
         ]
 
-    units = units_of(study)
-    shown = table(
+    values = table(
         f"{TITLES[column]} and the published method on this record (plain bank, "
         f"{study.single_pass.delay:.3f} s)",
         (Column("state"), list(rows)),
-        *block("initial", "initial", BY_ROW),
-        *block("initial_variance", "P0", SQUARED),
-        *block("final", "final", BY_ROW),
-        *block("final_variance", "variance", SQUARED),
-        *block("R", "R", SQUARED),
-        *block("Q", "Q", f"{SQUARED}/s"),
-        units=[units[name] for name in rows],
+        *both("initial", "initial"),
+        *both("final", "final"),
+        units=[shown[name].unit for name in rows],
+    )
+    noisy = {
+        name: row
+        for name, row in rows.items()
+        if any(row[key][side] for key in ("R", "Q") for side in ("here", "published"))
+    }
+
+    def sigma(key: str, side: str) -> list[Cell]:
+        return [
+            formatted(shown[name].factor * math.sqrt(variance), ".3g") if variance else ""
+            for name, variance in ((name, row[key][side]) for name, row in noisy.items())
+        ]
+
+    noise = table(
+        f"noise in {TITLES[column]} and here",
+        (Column("state"), list(noisy)),
+        (Column("sensor noise, here", BY_ROW), sigma("R", "here")),
+        (Column("sensor noise, published", BY_ROW), sigma("R", "published")),
+        (_bare("process noise, here", PER_ROOT_SECOND), sigma("Q", "here")),
+        (_bare("process noise, published", PER_ROOT_SECOND), sigma("Q", "published")),
+        units=[shown[name].unit for name in noisy],
     )
     note = (
-        "SI; the publication has R of alpha and q in deg^2 and (deg/s)^2; Q here is a spectral "
-        "density; R of nz is in the row of nz_0"
+        "the publication prints variances; standard deviations are shown here; process noise is "
+        "the square root of the spectral density; the sensor noise of nz is in the row of nz_0"
     )
-    return [shown, Prose(note, "note")]
+    return [values, noise, Prose(note, "note")]
+
+
+def _with_variance(value: float | None, variance: float | None, shown: Shown) -> Cell:
+    """Return a value with its standard deviation in display units; empty without a value."""
+    if value is None:
+        return ""
+    std = math.sqrt(variance) if variance else None
+    if std is None:
+        return Number(shown.factor * value)
+    return Number(shown.factor * value, shown.factor * std)
 
 
 def _pairs(study: LoopStudy, column: str) -> Table:
@@ -311,8 +347,7 @@ def _estimate(study: LoopStudy) -> list[Block]:
         if name not in printed:
             return ""
         value, std = printed[name].value, printed[name].std
-        sigma = "" if std is None else f"{std:.2g}"
-        return Number(value, std, shown=f"{value:.5g}", shown_sigma=sigma)
+        return Number(value, std, shown="" if std else f"{value:.5g}")
 
     shown = table(
         f"estimate, delay refined: {estimate.outcome.value}",
@@ -336,27 +371,39 @@ def _filter_states(study: LoopStudy) -> list[Block]:
     units = units_of(study)
     items = [start_of(system, name) for name in history.names]
 
-    def scientific(values: Iterable[float]) -> list[Cell]:
-        return [formatted(float(value), ".3e") for value in values]
+    shown = {name: shown_in(units[name], name) for name in history.names}
 
-    shown = table(
-        f"states of the filter at the refined delay (R of nz {noise['nz'] ** 2:.3e} g2)",
+    def by_row(values: Iterable[float], sigmas: Iterable[float]) -> list[Cell]:
+        return [
+            Number(each.factor * float(value), each.factor * float(sigma) or None)
+            for each, value, sigma in zip(shown.values(), values, sigmas, strict=True)
+        ]
+
+    states = table(
+        f"states of the filter at the refined delay (sensor noise of nz {noise['nz']:.3g} g)",
         (Column("state"), list(history.names)),
-        (Column("initial", BY_ROW), scientific(item.value for item in items)),
-        (Column("final", BY_ROW), scientific(history.mean[:, -1])),
-        (_bare("initial variance", SQUARED), scientific(item.prior_std**2 for item in items)),
-        (_bare("final variance", SQUARED), scientific(history.std[:, -1] ** 2)),
         (
-            _bare("R", SQUARED),
-            [formatted(noise[n] ** 2, ".3e") if n in noise else "" for n in history.names],
+            Column("initial", BY_ROW),
+            by_row([item.value for item in items], [item.prior_std for item in items]),
+        ),
+        (Column("final", BY_ROW), by_row(history.mean[:, -1], history.std[:, -1])),
+        (
+            Column("sensor noise", BY_ROW),
+            [
+                formatted(each.factor * noise[n], ".3g") if n in noise else ""
+                for n, each in shown.items()
+            ],
         ),
         (
-            _bare("Q", f"{SQUARED}/s"),
-            [formatted(density.get(n, 0.0), ".1e") for n in history.names],
+            _bare("process noise", PER_ROOT_SECOND),
+            [
+                formatted(each.factor * math.sqrt(density.get(n, 0.0)), ".3g")
+                for n, each in shown.items()
+            ],
         ),
-        units=[units[name] for name in history.names],
+        units=[each.unit for each in shown.values()],
     )
-    return [shown]
+    return [states]
 
 
 def _correlation(study: LoopStudy) -> list[Block]:
