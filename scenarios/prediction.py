@@ -31,9 +31,11 @@ from scenarios.preparation.plausibility import not_recorded, refuse_unpredictabl
 from scenarios.preparation.reading import Decided, PreparedData, prepare
 from scenarios.preparation.recording import left_out, with_outliers, without
 from scenarios.report.document import (
+    PURE,
     Bullets,
     Cell,
     Column,
+    Number,
     Page,
     Table,
     as_sentence,
@@ -43,6 +45,7 @@ from scenarios.report.document import (
 )
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures, write_page
+from scenarios.report.quantities import displayed, spaced
 from scenarios.report.summary import WIDTH, wrapped
 from scenarios.report.terminal import FITS, NO_FIT, fit_cells, rows_table, table_as_lines
 from scenarios.stored_study import (
@@ -60,6 +63,7 @@ from scenarios.tolerances import (
     error_against_fit,
     read_tests,
     residuals_of,
+    sensor_noise_of,
     tolerance_content,
     tolerance_figures,
     tolerance_table,
@@ -119,6 +123,7 @@ class PredictionResult:
     simulated : whether the record is simulated, according to its JSON file.
     verdicts : results of the requested tolerance tests.
     residuals : by channel, the residual of the study's fit and the sensor noise (both 1 sigma).
+    noise : sensor noise that the study estimated, by channel (1 sigma); empty if unknown.
     """
 
     study: Path
@@ -134,6 +139,7 @@ class PredictionResult:
     simulated: bool = False
     verdicts: tuple[ToleranceVerdict, ...] = ()
     residuals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    noise: Mapping[str, float] = field(default_factory=dict)
 
 
 def predict_record(request: PredictionRequest) -> PredictionResult:
@@ -200,6 +206,7 @@ def predict_record(request: PredictionRequest) -> PredictionResult:
         all_simulated([source]),
         verdicts_of(tests, record, channels, after.rows) if after.figures is not None else (),
         residuals_of(request.study),
+        sensor_noise_of(request.study),
     )
 
 
@@ -350,7 +357,7 @@ def prediction_figures(found: PredictionResult) -> Iterator[Named]:
     """Yield the figures of a prediction: measured and predicted outputs, and tolerance tests.
 
     With a diagnosis that added effects, the outputs of the declared model are also shown. A
-    simulation that diverged has no figure.
+    simulation that diverged has no figure. A band shows the residual of sensor noise alone.
     """
     from scenarios.plots.signals import MethodOutputs, context, figure_fit
 
@@ -368,7 +375,10 @@ def prediction_figures(found: PredictionResult) -> Iterator[Named]:
     )
     data = SIMULATED_DATA if found.simulated else MEASURED_DATA
     above = context(found.record, found.channels)
-    yield "prediction", partial(figure_fit, found.record, shown, None, title, {}, data, above)
+    yield (
+        "prediction",
+        partial(figure_fit, found.record, shown, None, title, found.noise, data, above),
+    )
     yield from tolerance_figures(found.verdicts, found.record, found.channels, found.after.rows)
 
 
@@ -421,7 +431,24 @@ def errors_table(found: PredictionResult) -> Table:
         else []
     )
     rows = [*before, *_error_rows(found, found.after, "predicted")]
-    return rows_table(TITLE, (Column("simulation", printed=" "), *FITS), rows)
+    columns = (Column("simulation", printed=" "), *FITS)
+    if not found.noise:
+        return rows_table(TITLE, columns, rows)
+    channel, error = 1, 2  # columns
+    rows = [
+        [*row[: error + 1], _noise_cell(found, str(row[channel])), *row[error + 1 :]]
+        for row in rows
+    ]
+    columns = (*columns[: error + 1], Column("sensor noise", PURE), *columns[error + 1 :])
+    return rows_table(TITLE, columns, rows)
+
+
+def _noise_cell(found: PredictionResult, name: str) -> Cell:
+    """Return the sensor noise of a channel: the rms error of a perfect model."""
+    if name not in found.noise:
+        return ""
+    value, _, unit = displayed(Quantity(found.noise[name], 0.0, found.record[name].unit))
+    return Number(value, unit=unit, shown=f"{value:.3g}{spaced(unit)}")
 
 
 def _error_rows(found: PredictionResult, simulation: Simulation, label: str) -> list[list[Cell]]:
