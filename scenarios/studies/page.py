@@ -3,24 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from ident.estimate import Outcome
 from scenarios.report.document import (
+    BY_ROW,
+    SIGMAS,
     Block,
     Bullets,
+    Column,
+    Fold,
     Page,
     Prose,
     Section,
+    Table,
     as_sentence,
     capital,
+    estimate,
+    formatted,
+    known,
     now,
     reproduction,
     section,
     summary_sentences,
+    table,
 )
 from scenarios.report.figure_formats import Drawn
 from scenarios.report.folder import figures, first_figure
-from scenarios.report.quantities import test_line
+from scenarios.report.quantities import shown_in, test_line
 from scenarios.report.summary import levels_line
 from scenarios.report.terminal import (
     derived_table,
@@ -83,9 +93,7 @@ def study_page(study: StudyResult, drawn: Sequence[Drawn] = ()) -> Page:
         sections=(
             *section("Recorded and estimated", *first),
             *section("Estimates", *_estimates(study, main)),
-            *section(
-                "Other methods", parts=tuple(_method(study, method) for method in study.methods[1:])
-            ),
+            *_other_methods(study),
             *section(
                 "Repeated flights", *(repeated_blocks(study.repeated) if study.repeated else ())
             ),
@@ -126,23 +134,29 @@ def within_line(rows: Sequence[Row], reference: str) -> str:
 
 def _estimates(study: StudyResult, method: MethodResult, told: Sequence[str] = ()) -> list[Block]:
     """Return tables and sentences of a method, without sentences that are ``told`` already."""
+    label, outcome = method.estimation.label, method.result.estimate.outcome
+    blocks: list[Block] = [
+        estimates_table(
+            f"{capital(label)}: {outcome.value}",
+            with_display(study, method.rows),
+        )
+    ]
+    blocks += [derived_table("Derived quantities", method.derived)] if method.derived else []
+    sentences = [line for line in _sentences(study, method) if line not in told]
+    return [*blocks, *(Prose(as_sentence(line)) for line in sentences)]
+
+
+def _sentences(study: StudyResult, method: MethodResult) -> list[str]:
+    """Return the sentences on the estimates of a method."""
     scenario, estimation = study.scenario, method.estimation
-    estimate = method.result.estimate
     flown = scenario.flown
-    sentences = (
+    lines = (
         other_flight_line(scenario, estimation),
         levels_line(method.levels, flown, method.tests) if flown is not None else "",
         estimation.explanation,
         *reference_lines(method.rows, estimation),
     )
-    blocks: list[Block] = [
-        estimates_table(
-            f"{capital(estimation.label)}: {estimate.outcome.value}",
-            with_display(study, method.rows),
-        )
-    ]
-    blocks += [derived_table("Derived quantities", method.derived)] if method.derived else []
-    return [*blocks, *(Prose(as_sentence(line)) for line in sentences if line and line not in told)]
+    return [line for line in lines if line]
 
 
 def _method(study: StudyResult, method: MethodResult) -> Section:
@@ -153,20 +167,174 @@ def _method(study: StudyResult, method: MethodResult) -> Section:
     return section(capital(method.estimation.label), *blocks, tests, choices)[0]
 
 
+def _other_methods(study: StudyResult) -> tuple[Section, ...]:
+    """Return the section of all methods after the main one.
+
+    Methods with the parameters and true values of the main one are side by side in one table, and
+    what is to be said of each is folded. Each of the others has a part of its own.
+    """
+    main = _known_values(study.main)
+    alike = [method for method in study.methods if _known_values(method) == main]
+    others = [method for method in study.methods[1:] if _known_values(method) != main]
+    blocks: list[Block] = []
+    if len(alike) > 1:
+        blocks += side_by_side(study, alike)
+        blocks += [_folded(study, method) for method in alike[1:]]
+    parts = tuple(_method(study, method) for method in others)
+    return section("Other methods", *blocks, parts=parts)
+
+
+def _known_values(method: MethodResult) -> list[tuple[str, float | None]]:
+    """Return names and true values of the parameters."""
+    return [(row.name, row.true) for row in method.rows]
+
+
+def side_by_side(study: StudyResult, methods: Sequence[MethodResult]) -> list[Block]:
+    """Return the estimates of methods with the same parameters: a column for each method, or a row
+    where there is a single parameter.
+    """
+    by_method = {
+        capital(method.estimation.label): with_display(study, method.rows) for method in methods
+    }
+    if len(methods[0].rows) == 1:
+        rows = [replace(shown[0], name=label) for label, shown in by_method.items()]
+        single = estimates_table(f"{methods[0].rows[0].name} by all methods", rows)
+        return [replace(single, columns=(Column("method"), *single.columns[1:]))]
+    first = next(iter(by_method.values()))
+    units = [shown_in(row.unit, row.name) for row in first]
+    names = Column("parameter"), [row.name for row in first]
+    true = [
+        known(None if row.true is None else unit.factor * row.true)
+        for row, unit in zip(first, units, strict=True)
+    ]
+    has_true = any(row.true is not None for row in first)
+    blocks: list[Block] = [
+        table(
+            "Estimates of all methods",
+            names,
+            (Column("true", BY_ROW), true) if has_true else None,
+            *(
+                (
+                    Column(label, BY_ROW),
+                    [
+                        estimate(unit.factor * row.estimate, unit.factor * row.std)
+                        for row, unit in zip(rows, units, strict=True)
+                    ],
+                )
+                for label, rows in by_method.items()
+            ),
+            *(
+                (
+                    Column(f"published for {label}", BY_ROW),
+                    [
+                        estimate(unit.factor * row.published.value, unit.factor * row.published.std)
+                        if row.published
+                        else ""
+                        for row, unit in zip(rows, units, strict=True)
+                    ],
+                )
+                for label, rows in by_method.items()
+                if [row.published for row in rows] != [row.published for row in first]
+                and any(row.published for row in rows)
+            ),
+            units=[unit.unit for unit in units],
+        )
+    ]
+    if has_true:
+        blocks.append(
+            table(
+                "Errors of all methods, in sigmas of each",
+                names,
+                *(
+                    (
+                        Column(label, SIGMAS),
+                        [formatted(row.sigmas if row.std > 0 else None, "+.2f") for row in rows],
+                    )
+                    for label, rows in by_method.items()
+                ),
+            )
+        )
+    derived = [
+        derived_table("Derived quantities of all methods", method.derived) for method in methods
+    ]
+    if derived[0].rows and all(
+        [row[0] for row in each.rows] == [row[0] for row in derived[0].rows] for each in derived
+    ):
+        blocks.append(
+            Table(
+                derived[0].caption,
+                (derived[0].columns[0], *(Column(label, BY_ROW) for label in by_method)),
+                tuple(
+                    (rows[0][0], *(row[1] for row in rows))
+                    for rows in zip(*(each.rows for each in derived), strict=True)
+                ),
+                derived[0].units,
+            )
+        )
+    return blocks
+
+
+def _folded(study: StudyResult, method: MethodResult) -> Fold:
+    """Return the sentences of a method, folded below its name."""
+    told = reference_lines(study.methods[0].rows, study.methods[0].estimation)
+    sentences = [
+        method.result.estimate.outcome.value,
+        *(line for line in _sentences(study, method) if line not in told),
+        test_line(method.tests) if method.tests else "",
+        *choice_lines(method.estimation.choices),
+    ]
+    items = tuple(as_sentence(capital(line)) for line in sentences if line)
+    return Fold(capital(method.estimation.label), items)
+
+
 def _residual_blocks(study: StudyResult) -> list[Block]:
-    """Return tables of residual tests and noise levels by method."""
+    """Return tables of residual tests and noise levels, of all methods together."""
+    if len(study.methods) > 1:
+        return _residuals_of_all(study)
     blocks: list[Block] = []
     for method in study.methods:
         estimate, record = method.result.estimate, method.result.record
-        label = f" ({method.estimation.label})" if len(study.methods) > 1 else ""
         units = {channel.name: channel.unit for channel in record.outputs}
         noise = {
             name: (float(std), units.get(name, "1"))
             for name, std in zip(estimate.output_names, estimate.noise_std, strict=True)
         }
-        blocks += [tests_table(f"Residual tests{label}", method.tests)] if method.tests else []
-        blocks += [levels_of_noise(f"Sensor noise{label}", noise)]
+        blocks += [tests_table("Residual tests", method.tests)] if method.tests else []
+        blocks += [levels_of_noise("Sensor noise", noise)]
     return blocks
+
+
+def _residuals_of_all(study: StudyResult) -> list[Block]:
+    """Return one table of the residual tests and one of the noise levels of several methods."""
+    tests, noise = list[Table](), list[Table]()
+    for method in study.methods:
+        result = method.result
+        units = {channel.name: channel.unit for channel in result.record.outputs}
+        levels = {
+            name: (float(std), units.get(name, "1"))
+            for name, std in zip(
+                result.estimate.output_names, result.estimate.noise_std, strict=True
+            )
+        }
+        tests.append(tests_table("Residual tests", method.tests))
+        noise.append(levels_of_noise("Sensor noise", levels))
+    blocks = [_with_methods(study, tests)]
+    equal = all(each == noise[0] for each in noise)
+    blocks.append(noise[0] if equal else _with_methods(study, noise))
+    return [block for block in blocks if block.rows]
+
+
+def _with_methods(study: StudyResult, tables: Sequence[Table]) -> Table:
+    """Return the tables of all methods as one, with the method in the last column."""
+    labels = [capital(method.estimation.label) for method in study.methods]
+    return Table(
+        tables[0].caption,
+        (*tables[0].columns, Column("method")),
+        tuple(
+            (*row, label) for label, each in zip(labels, tables, strict=True) for row in each.rows
+        ),
+        tuple(unit for each in tables for unit in each.units),
+    )
 
 
 def _integration_sentence(truth: Truth) -> str:
