@@ -320,7 +320,7 @@ def page_html(page: Page, paper: str = "") -> str:
         ),
         sections=list(_named(page.sections)),
         inputs=inputs,
-        room=_room(page),
+        room=_room(page, paper),
     )
     return escaped(text)
 
@@ -489,11 +489,12 @@ def _style() -> str:
 
 
 _ROOMS = range(130, 205, 5)  # mm; lower figures would have letters too small to read
-_SHEET = 697.0  # points between the margins of a sheet of US letter, the shorter of the usual ones
+# Points between the margins of a sheet: of A4, and of US letter, the shorter of the usual ones.
+_SHEETS = {"A4": 747.0, "": 697.0}
 _POINT = 25.4 / 72.0  # mm
 
 
-def _room(page: Page) -> int:
+def _room(page: Page, paper: str = "") -> int:
     """Return the height in mm that title, verdict, summary and warnings leave for the first figure
     on the first sheet, one of ``_ROOMS``. Return 0 if it is less; then the next sheet has it.
 
@@ -508,7 +509,7 @@ def _room(page: Page) -> int:
     for at, text in enumerate(page.summary):
         used += (17.4 * lines(text, 70) if at == 0 else 15.5 * lines(text, 80)) + 4.5
     used += sum(15.5 * lines(text, 72) + 11.0 for text in page.warnings)
-    room = int((_SHEET - used) * _POINT)
+    room = int((_SHEETS.get(paper, _SHEETS[""]) - used) * _POINT)
     return max((each for each in _ROOMS if each <= room), default=0)
 
 
