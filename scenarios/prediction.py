@@ -431,7 +431,7 @@ def errors_table(found: PredictionResult) -> Table:
         else []
     )
     rows = [*before, *_error_rows(found, found.after, "predicted")]
-    columns = (Column("simulation", printed=" "), *FITS)
+    columns: tuple[Column, ...] = (Column("simulation", printed=" "), *FITS)
     if not found.noise:
         return rows_table(TITLE, columns, rows)
     channel, error = 1, 2  # columns

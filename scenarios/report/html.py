@@ -430,12 +430,15 @@ def _template() -> Template:
 
 
 _QUOTED = re.compile(r"`([^`\n]+)`")  # code in a text
-# Words that must not be broken at their hyphens: options of a command, and a maneuver.
-_WHOLE = re.compile(r"(?<![\w-])(--[a-z][a-z-]*|3-2-1-1)")
+# Words that must not be broken: options of a command, a maneuver, and an interval.
+_NUMBER = r"[-\N{MINUS SIGN}]?\d[\d.]*"
+_WHOLE = re.compile(rf"(?<![\w-])(--[a-z][a-z-]*|3-2-1-1|{_NUMBER} to {_NUMBER})")
 
 
 def _signs(text: str) -> Markup:
-    """Return a text with typographic signs; options and 3-2-1-1 are not broken into two lines."""
+    """Return a text with typographic signs; options, 3-2-1-1 and intervals are not broken into two
+    lines.
+    """
     from markupsafe import Markup, escape
 
     return Markup(_WHOLE.sub(r'<span class="word">\1</span>', str(escape(signs(text)))))

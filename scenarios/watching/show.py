@@ -265,9 +265,7 @@ def spectral_page(
         sections=(
             *first,
             *section("Estimates", *estimate_tables(content)),
-            *section(
-                "Against the reference", None if reference is None else differences_table(reference)
-            ),
+            *section("Against the reference", differences_table(content)),
             *section(
                 "How it was made",
                 fixed_table("Constants", fixed),

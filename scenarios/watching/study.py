@@ -394,7 +394,7 @@ def watch_page(
             *section("Estimates", *estimate_tables(content)),
             *section("As the stream left it", *estimate_tables(methods.get("online"))),
             *section("In the frequency domain", *estimate_tables(methods.get(METHOD))),
-            *section("Against the reference", differences_table(reference) if reference else None),
+            *section("Against the reference", differences_table(content)),
             *section("Delay", *delay_tables(content)),
             *section(
                 "How it was made",
