@@ -15,10 +15,7 @@ from scenarios.files.declarations import CHANNEL_UNITS, read_channel_map
 from scenarios.files.measured.columns import RecordFile, all_simulated, opened
 from scenarios.files.sources import InputFile, versions
 from scenarios.files.user_models import OwnModel, channel_units
-from scenarios.files.vehicles import (
-    files_read_unnamed,
-    vehicle_with_file,
-)
+from scenarios.files.vehicles import files_read_unnamed, vehicle_with_file
 from scenarios.files.writing import PREDICTED, csv_text, study_folder, write_json, write_text
 from scenarios.identification.assessment import pooled_fits, record_fits
 from scenarios.identification.conditions import PATH, with_weight
@@ -31,11 +28,9 @@ from scenarios.preparation.plausibility import not_recorded, refuse_unpredictabl
 from scenarios.preparation.reading import Decided, PreparedData, prepare
 from scenarios.preparation.recording import left_out, with_outliers, without
 from scenarios.report.document import (
-    PURE,
     Bullets,
     Cell,
     Column,
-    Number,
     Page,
     Table,
     as_sentence,
@@ -45,9 +40,15 @@ from scenarios.report.document import (
 )
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures, write_page
-from scenarios.report.quantities import displayed, spaced
 from scenarios.report.summary import WIDTH, wrapped
-from scenarios.report.terminal import FITS, NO_FIT, fit_cells, rows_table, table_as_lines
+from scenarios.report.terminal import (
+    FITS,
+    NO_FIT,
+    fit_cells,
+    rows_table,
+    table_as_lines,
+    with_noise,
+)
 from scenarios.stored_study import (
     DIAGNOSE,
     StoredModel,
@@ -431,44 +432,21 @@ def errors_table(found: PredictionResult) -> Table:
         else []
     )
     rows = [*before, *_error_rows(found, found.after, "predicted")]
-    columns: tuple[Column, ...] = (Column("simulation", printed=" "), *FITS)
-    if not found.noise:
-        return rows_table(TITLE, columns, rows)
-    channel, error = 1, 2  # columns
-    rows = [
-        [*row[: error + 1], _noise_cell(found, str(row[channel])), *row[error + 1 :]]
-        for row in rows
-    ]
-    columns = (*columns[: error + 1], Column("sensor noise", PURE), *columns[error + 1 :])
-    return rows_table(TITLE, columns, rows)
-
-
-def _noise_cell(found: PredictionResult, name: str) -> Cell:
-    """Return the sensor noise of a channel: the rms error of a perfect model."""
-    if name not in found.noise:
-        return ""
-    value, _, unit = displayed(Quantity(found.noise[name], 0.0, found.record[name].unit))
-    return Number(value, unit=unit, shown=f"{value:.3g}{spaced(unit)}")
+    shown = rows_table(TITLE, (Column("simulation", printed=" "), *FITS), rows)
+    return with_noise(shown, found.noise, found.record) if found.noise else shown
 
 
 def _error_rows(found: PredictionResult, simulation: Simulation, label: str) -> list[list[Cell]]:
-    """Return a row of errors for each channel; ``label`` names the simulation."""
+    """Return a row of errors for each channel."""
     errors = simulation.figures
     if errors is None:
         return [[label, *NO_FIT]]
-    return [
-        [
-            label,
-            *fit_cells(
-                name,
-                Quantity(error, 0.0, found.record[name].unit),
-                errors.fit_percent(name),
-                errors.r2[name],
-                errors.theil[name],
-            ),
-        ]
-        for name, error in errors.rmse.items()
-    ]
+    rows = []
+    for name, error in errors.rmse.items():
+        size = Quantity(error, 0.0, found.record[name].unit)
+        fit = errors.fit_percent(name), errors.r2[name], errors.theil[name]
+        rows.append([label, *fit_cells(name, size, *fit)])
+    return rows
 
 
 def _verdict(found: PredictionResult) -> tuple[str, str]:

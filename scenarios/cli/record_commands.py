@@ -571,37 +571,12 @@ def watch(
     if margins is not None:
         names = loop_names(margins, inputs or (), outputs or (), excitation)
         with output_options(out, formats, quiet=quiet, as_json=as_json, documents=[MAIN]) as target:
-            watch_loop(
-                record,
-                names,
-                channels,
-                target.out,
-                idle,
-                until_end,
-                page,
-                port,
-                plan,
-                band,
-                target.figures,
-            )
+            stream = (target.out, idle, until_end, page, port, plan, band, target.figures)
+            watch_loop(record, names, channels, *stream)
         return
     assert model is not None
     with output_options(
         out, formats, quiet=quiet, as_json=as_json, documents=["comparison.json"]
     ) as target:
-        watch_stream(
-            record,
-            model,
-            vehicle,
-            reference,
-            channels,
-            target.out,
-            idle,
-            until_end,
-            refine,
-            page,
-            port,
-            plan,
-            band,
-            target.figures,
-        )
+        stream_end = (target.out, idle, until_end, refine, page, port, plan, band, target.figures)
+        watch_stream(record, model, vehicle, reference, channels, *stream_end)

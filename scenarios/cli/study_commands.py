@@ -341,15 +341,7 @@ def report(
     pdf: Annotated[
         bool, flag("--pdf", "Print it as report.pdf as well, by Chromium or Chrome.")
     ] = False,
-    paper: Annotated[
-        str | None,
-        valued(
-            "--paper",
-            "a4|letter",
-            "Paper of the PDF; A4 when left out.",
-            complete=options.fixed_words("a4", "letter"),
-        ),
-    ] = None,
+    paper: options.Paper = None,
 ) -> None:
     """The page of a study again, from its folder, without computing anything; its tables, a PDF."""
     from scenarios.commands.studies import rebuild_pages

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -64,9 +63,8 @@ from scenarios.report.quantities import (
 )
 from scenarios.report.summary import (
     BELOW,
-    NEXT,
-    TEXT_WIDTH,
     Summary,
+    first_clauses,
     levels_line,
     print_caution,
     print_paragraph,
@@ -388,7 +386,7 @@ def print_identification(
     sentences, rest = list[str](), list[str]()
     for kind, lines in (("warning", found.doubts), ("caution", found.cautions)):
         for each in lines:
-            short, more = shortened(each)
+            short, more = first_clauses(each)
             sentences.append(f"{kind}: {short}")
             rest += [f'more on "{short.partition(":")[0]}": {more}'] if more else []
     for line in (*sentences, *record_lines(found.look), *bound_lines(found.at_bounds, found.tied)):
@@ -410,31 +408,6 @@ def print_identification(
     ):
         if line:
             print_paragraph(out, line, 0)
-
-
-_CLAUSE_ENDS = re.compile(r"[;.](?= )")
-LONGEST_BEFORE = 2 * TEXT_WIDTH - 20  # characters of a warning before the result: two lines
-
-
-def shortened(sentence: str) -> tuple[str, str]:
-    """Return the beginning of a warning, which stands before the result, and the rest of it.
-
-    The beginning has whole clauses and at most ``LONGEST_BEFORE`` characters, and the command that
-    is to be typed next. The rest is empty if the whole warning is that short.
-
-    Examples
-    --------
-    >>> shortened("the record is short")
-    ('the record is short', '')
-    """
-    told, _, command = sentence.partition(NEXT)
-    following = f"{NEXT}{command}" if command else ""
-    ends = [match.start() for match in _CLAUSE_ENDS.finditer(told)]
-    fitting = [end for end in ends if end <= LONGEST_BEFORE]
-    if len(told) <= LONGEST_BEFORE or not ends:
-        return sentence, ""
-    end = fitting[-1] if fitting else ends[0]
-    return f"{told[:end]}{following}", told[end + 1 :].strip()
 
 
 def identification_summary(found: IdentificationResult, details: str = BELOW) -> Summary:

@@ -549,16 +549,11 @@ STEM = "watched"  # file stem of the figure
 
 
 def history_section(
-    folder: Path,
-    history: str,
-    content: Mapping[str, Any],
-    title: str,
-    formats: Formats = USUAL,
+    folder: Path, history: str, content: Mapping[str, Any], title: str, formats: Formats = USUAL
 ) -> tuple[Section, ...]:
     """Draw the figure of the parameters over time, and return the section of the page with it.
 
-    Return no section if the history has fewer than two lines or no estimate, or ``formats`` is
-    empty.
+    Return no section if the history has fewer than two lines or no estimate, or without formats.
 
     Parameters
     ----------

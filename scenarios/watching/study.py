@@ -506,8 +506,7 @@ def write_watch(
     """Write the files of a watch; the growing history becomes one of them."""
     with study_folder(out, "comparison.json") as scratch:
         record_file, _ = write_record(scratch, end.record)
-        history_text = history.finish()
-        write_text(scratch / NAME, history_text)
+        write_text(scratch / NAME, history_text := history.finish())
         if session.spectral is not None and session.spectral.points:
             write_text(scratch / FREQUENCY, history_csv(session.spectral))
         digest = hashlib.sha256(record_file.read_bytes()).hexdigest()

@@ -23,16 +23,13 @@ from scenarios.report.document import (
     Column,
     Number,
     Prose,
-    Table,
     formatted,
     known,
     table,
 )
 from scenarios.report.quantities import (
-    Shown,
     console,
     is_frequency,
-    number_text,
     shown_in,
     test_line,
 )
@@ -48,210 +45,24 @@ from scenarios.report.terminal import show_blocks
 from scenarios.studies.comparison import SEE_PAPERS, bank_line, choice_lines
 from scenarios.studies.text import print_choices, rest_of
 from scenarios.x29.content import (
-    correlated_pairs,
     correlation_content,
-    procedure_and_printed,
     units_of,
 )
 from scenarios.x29.declaration import (
-    has_table,
     printed_checks,
     printed_column,
-    printed_correlation,
     short_period,
 )
-from scenarios.x29.estimating import LARGE_CORRELATION, LoopMethodResult, Misfit, start_of
-from scenarios.x29.findings import COMPARED, off, own_method, sentences
+from scenarios.x29.estimating import LARGE_CORRELATION, Misfit, start_of
+from scenarios.x29.findings import sentences
+from scenarios.x29.published_tables import (
+    PER_ROOT_SECOND,
+    bare,
+    by_sigma,
+    paper_blocks,
+    triangle,
+)
 from scenarios.x29.study import LoopStudy
-
-TITLES = {"simulation": "Table 1", "flight": "Table 2"}
-PER_ROOT_SECOND = "unit/√s"  # square root of a spectral density; the row names the unit
-
-
-def paper_blocks(study: LoopStudy) -> list[Block]:
-    """Return the blocks of the published tables, all methods and restarts."""
-    column = study.scenario.column
-    out: list[Block] = []
-    if study.scenario.methods and has_table(column):
-        names, C = printed_correlation(column)
-        title = (
-            f"correlations as published in {TITLES[column]}, * above {LARGE_CORRELATION:g} in size"
-        )
-        out += [*_states(study, column), _pairs(study, column), _triangle(title, names, C)]
-    if study.scenario.methods:
-        out += _methods(study, column)
-    return [*out, *_restarts(study)]
-
-
-def _bare(heading: str, unit: str) -> Column:
-    """Return a column whose unit is shown on pages only."""
-    return Column(heading, unit, printed=heading)
-
-
-def _triangle(title: str, names: tuple[str, ...], C: np.ndarray) -> Table:
-    def cell(i: int, j: int) -> Cell:
-        if j > i:
-            return ""
-        mark = "*" if i != j and abs(C[i, j]) > LARGE_CORRELATION else ""
-        return Number(float(C[i, j]), shown=f"{C[i, j]:+z.2f}{mark}")
-
-    columns = [
-        (
-            Column(name, PURE, printed=name.replace("alpha", "al").replace("delta", "de")),
-            [cell(i, j) for i in range(len(names))],
-        )
-        for j, name in enumerate(names)
-    ]
-    return table(title, (Column("name", printed=" "), names), *columns)
-
-
-def _states(study: LoopStudy, column: str) -> list[Block]:
-    rows = procedure_and_printed(study, column)
-    shown = {name: shown_in(unit, name) for name, unit in units_of(study).items()}
-
-    def both(key: str, heading: str) -> list[tuple[Column, list[Cell]]]:
-        """Return values with their sigmas, here and as published."""
-        here, published = (
-            [
-                _with_variance(row[key][side], row[f"{key}_variance"][side], shown[name])
-                for name, row in rows.items()
-            ]
-            for side in ("here", "published")
-        )
-        return [
-            (Column(f"{heading}, here", BY_ROW), here),
-            (Column(f"{heading}, published", BY_ROW), published),
-        ]
-
-    values = table(
-        f"{TITLES[column]} and the published method on this record (plain bank, "
-        f"{study.single_pass.delay:.3f} s)",
-        (Column("state"), list(rows)),
-        *both("initial", "initial"),
-        *both("final", "final"),
-        units=[shown[name].unit for name in rows],
-    )
-    noisy = {
-        name: row
-        for name, row in rows.items()
-        if any(row[key][side] for key in ("R", "Q") for side in ("here", "published"))
-    }
-
-    def sigma(key: str, side: str) -> list[Cell]:
-        return [
-            formatted(shown[name].factor * math.sqrt(variance), ".3g") if variance else ""
-            for name, variance in ((name, row[key][side]) for name, row in noisy.items())
-        ]
-
-    noise = table(
-        f"noise in {TITLES[column]} and here",
-        (Column("state"), list(noisy)),
-        (Column("sensor noise, here", BY_ROW), sigma("R", "here")),
-        (Column("sensor noise, published", BY_ROW), sigma("R", "published")),
-        (_bare("process noise, here", PER_ROOT_SECOND), sigma("Q", "here")),
-        (_bare("process noise, published", PER_ROOT_SECOND), sigma("Q", "published")),
-        units=[shown[name].unit for name in noisy],
-    )
-    note = (
-        "the publication prints variances; standard deviations are shown here; process noise is "
-        "the square root of the spectral density; the sensor noise of nz is in the row of nz_0"
-    )
-    return [values, noise, Prose(note, "note")]
-
-
-def _with_variance(value: float | None, variance: float | None, shown: Shown) -> Cell:
-    """Return a value with its standard deviation in display units; empty without a value."""
-    if value is None:
-        return ""
-    std = math.sqrt(variance) if variance else None
-    if std is None:
-        return Number(shown.factor * value)
-    return Number(shown.factor * value, shown.factor * std)
-
-
-def _pairs(study: LoopStudy, column: str) -> Table:
-    rows = correlated_pairs(study, column)
-    return table(
-        f"largest correlations of {TITLES[column]}",
-        (Column("correlation of"), [f"{a}, {b}" for a, b, *_ in rows]),
-        (Column("published", PURE), [formatted(value, "+.3f") for _, _, value, _, _ in rows]),
-        (Column("its method, here", PURE), [formatted(value, "+.3f") for *_, value, _ in rows]),
-        (Column("ours, refined", PURE), [formatted(value, "+.3f") for *_, value in rows]),
-    )
-
-
-def _methods(study: LoopStudy, column: str) -> list[Block]:
-    methods: list[LoopMethodResult] = [*study.methods, own_method(study)]
-    printed, units = printed_column(column), units_of(study)
-
-    def published(name: str, form: str) -> Cell:
-        """Return a printed number; Table 3 of the paper has no frequency and damping ratio."""
-        return formatted(printed[name].value if name in printed else None, form)
-
-    shown = table(
-        "methods by name",
-        (Column("method"), [*(m.label for m in methods), "published"]),
-        (_bare("delay", "s"), [*(formatted(m.delay, ".4f") for m in methods), ""]),
-        *(
-            (
-                _bare(n, units[n]),
-                [_by_sigma(m.values[n], m.std[n]) for m in methods] + [published(n, "g")],
-            )
-            for n in ("L_alpha", *COMPARED)
-        ),
-        (
-            Column("frequency", "rad/s", printed="rad/s"),
-            [
-                *(formatted(m.frequency, ".2f") for m in methods),
-                published("natural_frequency", ".2f"),
-            ],
-        ),
-        (
-            Column("damping", PURE),
-            [*(formatted(m.damping, ".3f") for m in methods), published("damping_ratio", ".3f")],
-        ),
-        (Column("off", "%"), [*(formatted(100.0 * off(m, column), ".0f") for m in methods), ""]),
-    )
-    note = (
-        f"off: root mean square of the relative differences of {', '.join(COMPARED)} from the "
-        "published ones"
-    )
-    return [shown, Prose(note, "note")]
-
-
-def _by_sigma(value: float, std: float) -> Cell:
-    """Return a number with digits by its sigma, which is not shown."""
-    return Number(value, shown=number_text(value, std))
-
-
-def _restarts(study: LoopStudy) -> list[Block]:
-    units, out = units_of(study), list[Block]()
-    for label, restarted in study.restarts.items():
-        rows = [
-            (k, i)
-            for k in range(len(restarted.delays))
-            for i in range(len(restarted.values["M_q"]))
-        ]
-        columns = [
-            (
-                Column(n, units[n], printed=n),
-                [formatted(restarted.values[n][i, k], ".4g") for k, i in rows],
-            )
-            for n in ("L_alpha", *COMPARED)
-        ]
-        out.append(
-            table(
-                f"plain filters started again from their own result: {label}",
-                (
-                    Column("delay", "s", printed="delay"),
-                    [formatted(restarted.delays[k], ".4f") for k, _ in rows],
-                ),
-                (Column("pass", PURE), [Number(i + 1, digits=0) for _, i in rows]),
-                *columns,
-            )
-        )
-    return out
-
 
 # ---- Tables of a closed-loop study
 
@@ -341,7 +152,7 @@ def _estimate(study: LoopStudy) -> list[Block]:
     def plain(name: str) -> Cell:
         if name == "delay":
             return formatted(study.single_pass.delay, ".3f")
-        return _by_sigma(study.single_pass.estimate.value(name), estimate.sigma(name))
+        return by_sigma(study.single_pass.estimate.value(name), estimate.sigma(name))
 
     def published(name: str) -> Cell:
         if name not in printed:
@@ -395,7 +206,7 @@ def _filter_states(study: LoopStudy) -> list[Block]:
             ],
         ),
         (
-            _bare("process noise", PER_ROOT_SECOND),
+            bare("process noise", PER_ROOT_SECOND),
             [
                 formatted(each.factor * math.sqrt(density.get(n, 0.0)), ".3g")
                 for n, each in shown.items()
@@ -409,7 +220,7 @@ def _filter_states(study: LoopStudy) -> list[Block]:
 def _correlation(study: LoopStudy) -> list[Block]:
     content = correlation_content(study.result.estimate)
     title = f"correlations after the last sample, * above {LARGE_CORRELATION:g} in size"
-    return [_triangle(title, tuple(content["names"]), np.array(content["matrix"]))]
+    return [triangle(title, tuple(content["names"]), np.array(content["matrix"]))]
 
 
 def _qualities(study: LoopStudy) -> list[Block]:
@@ -420,7 +231,7 @@ def _qualities(study: LoopStudy) -> list[Block]:
             qualities.append(replace(q, value=q.value / math.tau, std=q.std / math.tau, unit="Hz"))
 
     def at(q: Quality, sigmas: float) -> Cell:
-        return _by_sigma(q.value + sigmas * q.std, q.std)
+        return by_sigma(q.value + sigmas * q.std, q.std)
 
     shown = table(
         "flying qualities",
@@ -471,7 +282,7 @@ def _check(study: LoopStudy) -> list[Block]:
         (
             Column("filter", BY_ROW),
             [
-                _by_sigma(filtered[n].value, filtered[n].std) if n in filtered else MISSING
+                by_sigma(filtered[n].value, filtered[n].std) if n in filtered else MISSING
                 for n in names
             ],
         ),
@@ -552,7 +363,7 @@ def _passes(study: LoopStudy) -> list[Block]:
         *(
             (
                 Column(n, units[n], printed=n),
-                [_by_sigma(estimate.value(n), estimate.sigma(n)) for estimate in study.passes],
+                [by_sigma(estimate.value(n), estimate.sigma(n)) for estimate in study.passes],
             )
             for n in names
         ),

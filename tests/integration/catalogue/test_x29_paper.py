@@ -24,7 +24,7 @@ from scenarios.x29.declaration import METHODS, printed_column, printed_correlati
 from scenarios.x29.estimating import single_pass_restarts
 from scenarios.x29.files import write_loop
 from scenarios.x29.findings import noise_sentence, paper_sentences, prior_sentence
-from scenarios.x29.printing import paper_blocks
+from scenarios.x29.published_tables import paper_blocks
 from scenarios.x29.study import LoopStudy, loop_scenario, run_loop
 from sim.errors import DeclarationError
 from tests.oracles.short_period_tables import NAMES, ROWS, numbers
