@@ -325,16 +325,20 @@ def _residuals_of_all(study: StudyResult) -> list[Block]:
 
 
 def _with_methods(study: StudyResult, tables: Sequence[Table]) -> Table:
-    """Return the tables of all methods as one, with the method in the last column."""
+    """Return the tables of all methods as one, with a column of the method: the first, or the last
+    where a unit follows the first.
+    """
     labels = [capital(method.estimation.label) for method in study.methods]
-    return Table(
-        tables[0].caption,
-        (*tables[0].columns, Column("method")),
-        tuple(
-            (*row, label) for label, each in zip(labels, tables, strict=True) for row in each.rows
-        ),
-        tuple(unit for each in tables for unit in each.units),
-    )
+    units = tuple(unit for each in tables for unit in each.units)
+    labelled = [
+        (label, row) for label, each in zip(labels, tables, strict=True) for row in each.rows
+    ]
+    columns, method = tables[0].columns, Column("method")
+    if units:
+        rows = tuple((*row, label) for label, row in labelled)
+        return Table(tables[0].caption, (*columns, method), rows, units)
+    rows = tuple((label, *row) for label, row in labelled)
+    return Table(tables[0].caption, (method, *columns), rows)
 
 
 def _integration_sentence(truth: Truth) -> str:
