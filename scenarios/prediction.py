@@ -41,7 +41,14 @@ from scenarios.report.document import (
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures, write_page
 from scenarios.report.summary import WIDTH, wrapped
-from scenarios.report.terminal import FITS, NO_FIT, fit_cells, rows_table, table_as_lines
+from scenarios.report.terminal import (
+    FITS,
+    NO_FIT,
+    fit_cells,
+    rows_table,
+    table_as_lines,
+    with_noise,
+)
 from scenarios.stored_study import (
     DIAGNOSE,
     StoredModel,
@@ -57,6 +64,7 @@ from scenarios.tolerances import (
     error_against_fit,
     read_tests,
     residuals_of,
+    sensor_noise_of,
     tolerance_content,
     tolerance_figures,
     tolerance_table,
@@ -116,6 +124,7 @@ class PredictionResult:
     simulated : whether the record is simulated, according to its JSON file.
     verdicts : results of the requested tolerance tests.
     residuals : by channel, the residual of the study's fit and the sensor noise (both 1 sigma).
+    noise : sensor noise that the study estimated, by channel (1 sigma); empty if unknown.
     """
 
     study: Path
@@ -131,6 +140,7 @@ class PredictionResult:
     simulated: bool = False
     verdicts: tuple[ToleranceVerdict, ...] = ()
     residuals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    noise: Mapping[str, float] = field(default_factory=dict)
 
 
 def predict_record(request: PredictionRequest) -> PredictionResult:
@@ -197,6 +207,7 @@ def predict_record(request: PredictionRequest) -> PredictionResult:
         all_simulated([source]),
         verdicts_of(tests, record, channels, after.rows) if after.figures is not None else (),
         residuals_of(request.study),
+        sensor_noise_of(request.study),
     )
 
 
@@ -343,7 +354,7 @@ def prediction_figures(found: PredictionResult) -> Iterator[Named]:
     """Yield the figures of a prediction: measured and predicted outputs, and tolerance tests.
 
     With a diagnosis that added effects, the outputs of the declared model are also shown. A
-    simulation that diverged has no figure.
+    simulation that diverged has no figure. A band shows the residual of sensor noise alone.
     """
     from scenarios.plots.signals import MethodOutputs, context, figure_fit
 
@@ -361,7 +372,10 @@ def prediction_figures(found: PredictionResult) -> Iterator[Named]:
     )
     data = SIMULATED_DATA if found.simulated else MEASURED_DATA
     above = context(found.record, found.channels)
-    yield "prediction", partial(figure_fit, found.record, shown, None, title, {}, data, above)
+    yield (
+        "prediction",
+        partial(figure_fit, found.record, shown, None, title, found.noise, data, above),
+    )
     yield from tolerance_figures(found.verdicts, found.record, found.channels, found.after.rows)
 
 
@@ -414,26 +428,20 @@ def errors_table(found: PredictionResult) -> Table:
         else []
     )
     rows = [*before, *_error_rows(found, found.after, "predicted")]
-    return rows_table(TITLE, (Column("simulation", printed=" "), *FITS), rows)
+    shown = rows_table(TITLE, (Column("simulation", printed=" "), *FITS), rows)
+    return with_noise(shown, found.noise, found.record) if found.noise else shown
 
 
 def _error_rows(found: PredictionResult, simulation: Simulation, label: str) -> list[list[Cell]]:
     errors = simulation.figures
     if errors is None:
         return [[label, *NO_FIT]]
-    return [
-        [
-            label,
-            *fit_cells(
-                name,
-                Quantity(error, 0.0, found.record[name].unit),
-                errors.fit_percent(name),
-                errors.r2[name],
-                errors.theil[name],
-            ),
-        ]
-        for name, error in errors.rmse.items()
-    ]
+    rows = []
+    for name, error in errors.rmse.items():
+        size = Quantity(error, 0.0, found.record[name].unit)
+        fit = errors.fit_percent(name), errors.r2[name], errors.theil[name]
+        rows.append([label, *fit_cells(name, size, *fit)])
+    return rows
 
 
 def _verdict(found: PredictionResult) -> tuple[str, str]:

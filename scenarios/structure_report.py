@@ -24,6 +24,7 @@ from scenarios.report.document import (
     Cell,
     Column,
     Page,
+    Prose,
     Table,
     estimate,
     formatted,
@@ -164,6 +165,13 @@ def terms_table(found: FoundStructure, axis: str) -> Table:
     columns = [Column("term", code=True), Column("estimate ± σ", PURE, printed="estimate")]
     columns += [Column(head) for head in ("F", "R2", *left, "PSE", "VIF")]
     return rows_table(axis, columns, rows)
+
+
+TERMS_NOTE = (
+    "angles and deflections in rad; p, q and r are p b/(2V), q c/(2V) and r b/(2V). F: test of a "
+    "term given all others. R2 and PSE (predicted squared error): after the step that added the "
+    "term. VIF: variance inflation by the other terms"
+)
 
 
 def _several(found: FoundStructure) -> bool:
@@ -361,7 +369,11 @@ def structure_page(found: FoundStructure, drawn: Sequence[Drawn] = ()) -> Page:
             *section("Coefficients", summary_table(found)),
             *(section("Not fitted", prediction_table(found)) if found.predicted else ()),
             *section("Findings", Bullets(tuple(findings(found)))),
-            *section("Terms", *(terms_table(found, axis) for axis in found.selections)),
+            *section(
+                "Terms",
+                *(terms_table(found, axis) for axis in found.selections),
+                Prose(TERMS_NOTE, "note"),
+            ),
             *section("How it was made", Bullets(found.notes)),
         ),
         reproduction=reproduction(sentences, "", inputs),

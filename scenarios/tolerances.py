@@ -394,6 +394,26 @@ def residuals_of(study: Path) -> dict[str, tuple[float, float]]:
     }
 
 
+def sensor_noise_of(study: Path) -> dict[str, float]:
+    """Return the sensor noise that a study estimated, by channel, 1 sigma in the channel's unit;
+    empty if the folder has none.
+    """
+    identified, diagnosed = (
+        json_or_none(study / name) for name in ("comparison.json", "diagnosis.json")
+    )
+    noise: Any = identified.get("sensor_noise") if isinstance(identified, dict) else None
+    if noise is None and isinstance(diagnosed, dict):
+        error = diagnosed.get("error")
+        noise = error.get("noise_floor") if isinstance(error, dict) else None
+    if not isinstance(noise, dict):
+        return {}
+    return {
+        name: float(value)
+        for name, value in noise.items()
+        if isinstance(value, int | float) and value > 0.0
+    }
+
+
 def error_against_fit(simulation: Simulation, residuals: Mapping[str, tuple[float, float]]) -> str:
     """Return a sentence that compares the errors of a prediction with the residuals of the fit.
 

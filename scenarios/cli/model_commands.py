@@ -518,6 +518,8 @@ def watch(
     port: WatchPort = None,
     band: WatchBand = None,
     hold: Held = None,
+    figures: Figures = None,
+    no_figures: NoFigures = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -530,26 +532,14 @@ def watch(
     if excitation:
         signals.append(excitation)
     _refuse_mixed_watch(model, margins, signals)
-    output = Output(out, no_figures=True, quiet=quiet, as_json=as_json)
+    output = Output(out, figures, no_figures, quiet, as_json)
     if margins is not None:
         names = loop_names(margins, inputs or (), outputs or (), excitation)
         with output.writing(MAIN) as target:
-            watch_loop(record, names, channels, target.out, idle, until_end, page, port, plan, band)
+            stream = (target.out, idle, until_end, page, port, plan, band, target.figures)
+            watch_loop(record, names, channels, *stream)
         return
     assert model is not None
     with output.writing("comparison.json") as target:
-        watch_stream(
-            record,
-            model,
-            vehicle,
-            reference,
-            channels,
-            target.out,
-            idle,
-            until_end,
-            refine,
-            page,
-            port,
-            plan,
-            band,
-        )
+        stream_end = (target.out, idle, until_end, refine, page, port, plan, band, target.figures)
+        watch_stream(record, model, vehicle, reference, channels, *stream_end)

@@ -257,6 +257,15 @@ Figures = Annotated[
         complete=fixed_words("png", "svg", "pdf", "none"),
     ),
 ]
+Paper = Annotated[
+    str | None,
+    valued(
+        "--paper",
+        "a4|letter",
+        "Paper of the PDF; A4 when left out.",
+        complete=fixed_words("a4", "letter"),
+    ),
+]
 NoFigures = Annotated[bool, flag("--no-figures", "Draw none, as --figures none.")]
 Class = Annotated[
     str | None,

@@ -364,16 +364,19 @@ def report(
     pdf: Annotated[
         bool, flag("--pdf", "Print it as report.pdf as well, by Chromium or Chrome.")
     ] = False,
+    paper: options.Paper = None,
 ) -> None:
     """The page of a study again, from its folder, without computing anything; its tables, a PDF."""
     from scenarios.report.folder import rebuilt, stored_page, write_pdf, write_tables
 
+    if paper is not None and not pdf:
+        raise DeclarationError("there is no PDF", where="--paper", remedy="add --pdf")
     for folder in folders:
         print(f"written to {rebuilt(folder)}")
         if tables:
             print(f"tables: {', '.join(map(str, write_tables(stored_page(folder), folder)))}")
         if pdf:
-            print(f"PDF: {write_pdf(folder)}")
+            print(f"PDF: {write_pdf(folder, (paper or 'a4').lower())}")
 
 
 # ---- flightid list, effects, models and vehicles

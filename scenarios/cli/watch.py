@@ -23,6 +23,7 @@ from ident.frequency_domain.online import (
 )
 from scenarios.files.vehicles import VehicleFile, read_vehicle, refuse_unknown_model
 from scenarios.identification.low_order import PAPER_START
+from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.watching.loop_margins import (
     LoopNames,
     MarginPoint,
@@ -95,6 +96,7 @@ def watch_stream(
     port: int | None,
     plan: Plan,
     band: tuple[float, float] | None,
+    figures: Formats = USUAL,
 ) -> None:
     """Identify a stream until it ends, print the result and write it.
 
@@ -113,6 +115,7 @@ def watch_stream(
     port : port of the page.
     plan : preparation of the record.
     band : band (Hz) of the regression in the frequency domain; None for the usual one.
+    figures : formats of the figures.
     """
     refuse_page(port, page)
     refuse_unknown_model(model, "--model")
@@ -135,7 +138,7 @@ def watch_stream(
         refuse_overwriting(Path(record), out)
     limit = _idle_limit(record, idle)
     if model != LOW_ORDER:
-        _watch_in_frequency(watch, model, record, out, limit, until_end)
+        _watch_in_frequency(watch, model, record, out, limit, until_end, figures)
         return
     with ExitStack() as stack:
         read = stack.enter_context(_open_stream(record, until_end))
@@ -149,7 +152,7 @@ def watch_stream(
         outcome = _outcome(watch, session, refine and not (page and watch.stopped))
         if out is not None and history is not None:
             source = Path(record).name if record != PIPE else watch.name
-            write_watch(out, session, watch.reference, outcome, history, source)
+            write_watch(out, session, watch.reference, outcome, history, source, figures)
         print_end(watch, session, outcome)
         if out is not None:
             from scenarios.report.summary import written_to
@@ -185,7 +188,13 @@ def _frequencies(band: tuple[float, float] | None) -> np.ndarray:
 
 
 def _watch_in_frequency(
-    watch: Watch, model: str, record: str, out: Path | None, limit: float | None, until_end: bool
+    watch: Watch,
+    model: str,
+    record: str,
+    out: Path | None,
+    limit: float | None,
+    until_end: bool,
+    figures: Formats,
 ) -> None:
     """Identify a stream by regression in the frequency domain until it ends, print and write it.
 
@@ -225,7 +234,8 @@ def _watch_in_frequency(
     if out is not None:
         from scenarios.report.summary import written_to
 
-        write_spectral(out, watch, session, Path(record).name if record != PIPE else watch.name)
+        source = Path(record).name if record != PIPE else watch.name
+        write_spectral(out, watch, session, source, figures)
         print(written_to(out), flush=True)
 
 
@@ -240,6 +250,7 @@ def watch_loop(
     port: int | None,
     plan: Plan,
     band: tuple[float, float] | None,
+    figures: Formats = USUAL,
 ) -> None:
     """Estimate the stability margins of a loop every second until the stream ends; print and write.
 
@@ -288,7 +299,8 @@ def watch_loop(
             from scenarios.report.summary import written_to
 
             source = Path(record) if record != PIPE else None
-            write_loop(out, watch, session, source.name if source else watch.name, source)
+            name = source.name if source else watch.name
+            write_loop(out, watch, session, name, source, figures)
             print(written_to(out), flush=True)
         if live_page is not None:
             from scenarios.watching.page import until_interrupted

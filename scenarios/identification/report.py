@@ -64,6 +64,7 @@ from scenarios.report.quantities import (
 from scenarios.report.summary import (
     BELOW,
     Summary,
+    first_clauses,
     levels_line,
     print_caution,
     print_paragraph,
@@ -382,10 +383,12 @@ def print_identification(
         )
     if found.engine:
         print_paragraph(out, f"engine: {found.engine['sentence']}", 0)
-    sentences = [
-        *(f"warning: {doubt}" for doubt in found.doubts),
-        *(f"caution: {caution}" for caution in found.cautions),
-    ]
+    sentences, rest = list[str](), list[str]()
+    for kind, lines in (("warning", found.doubts), ("caution", found.cautions)):
+        for each in lines:
+            short, more = first_clauses(each)
+            sentences.append(f"{kind}: {short}")
+            rest += [f'more on "{short.partition(":")[0]}": {more}'] if more else []
     for line in (*sentences, *record_lines(found.look), *bound_lines(found.at_bounds, found.tied)):
         print_caution(out, line)
     show_table(out, _estimates("", found, (*found.rows, *found.biases)))
@@ -400,6 +403,7 @@ def print_identification(
         _levels_reached(found, flown),
         test_line(found.tests),
         noise_phrase(found),
+        *rest,
         *(f"note: {note}" for note in found.notes),
     ):
         if line:

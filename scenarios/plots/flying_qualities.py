@@ -45,6 +45,8 @@ from scenarios.plots.style import (
 from sim.errors import DeclarationError
 
 _LARGEST_DRAWN_HALF_WIDTH = 60.0  # dB or deg; wider half-bands are clipped
+# Lines outside the usable band widen an axis by at most so much: dB, deg.
+_REACH_MAGNITUDE, _REACH_PHASE = 60.0, 360.0
 _SMALLEST_SIZE = 1e-300  # keeps a logarithm finite
 _BAND: dict[str, Any] = {"color": SKY, "alpha": 0.45, "linewidth": 0.0}  # of 95 %
 
@@ -101,8 +103,8 @@ def figure_response(estimate: Any, row: int = 0, column: int = 0) -> Figure:
         for first, last in _outside(f, usable):
             panel.axvspan(first, last, color=LIGHT, alpha=0.5, linewidth=0.0, zorder=0.4)
     shown = usable if usable.any() else np.ones_like(usable)
-    _limits(magnitudes, magnitude[shown])
-    _limits(phases, phase[shown], 20.0)
+    _limits(magnitudes, magnitude[shown], reach=_REACH_MAGNITUDE)
+    _limits(phases, phase[shown], 20.0, reach=_REACH_PHASE)
     decades(coherences.xaxis, (1.0, 2.0, 5.0))
     unit = estimate.unit(output, input_name)
     y_label(magnitudes, f"magnitude (dB{f' of {unit}' if unit else ''})")
@@ -163,6 +165,7 @@ def figure_bandwidth(estimate: Any, number: int = 0) -> Figure:
         raise DeclarationError("there is no bandwidth to draw", where="bandwidth", remedy=remedy)
     qualities = with_curve[number]
     curve, result = qualities.curve, qualities.bandwidth
+    f = curve.omega / math.tau
     sheet = make_sheet([1.6, 1.6], row_gap=0.14)
     gains, phases = sheet.panels
     for panel, value, std in (
@@ -170,10 +173,10 @@ def figure_bandwidth(estimate: Any, number: int = 0) -> Figure:
         (phases, curve.phase, curve.phase_std),
     ):
         half = np.minimum(NORMAL_HALF_WIDTH * std, _LARGEST_DRAWN_HALF_WIDTH)
-        panel.fill_between(curve.omega, value - half, value + half, **_BAND)
-        panel.plot(curve.omega, value, color=BLUE, linewidth=1.2, label="attitude")
+        panel.fill_between(f, value - half, value + half, **_BAND)
+        panel.plot(f, value, color=BLUE, linewidth=1.2, label="attitude")
         panel.set_xscale("log")
-        panel.set_xlim(float(curve.omega[0]), float(curve.omega[-1]))
+        panel.set_xlim(float(f[0]), float(f[-1]))
         _limits(panel, value)
         for quantity, colour, label in (
             (result.phase, VERMILION, "phase bandwidth"),
@@ -182,24 +185,24 @@ def figure_bandwidth(estimate: Any, number: int = 0) -> Figure:
         ):
             if quantity is not None:
                 panel.axvspan(
-                    quantity.value - NORMAL_HALF_WIDTH * quantity.std,
-                    quantity.value + NORMAL_HALF_WIDTH * quantity.std,
+                    (quantity.value - NORMAL_HALF_WIDTH * quantity.std) / math.tau,
+                    (quantity.value + NORMAL_HALF_WIDTH * quantity.std) / math.tau,
                     color=colour,
                     alpha=0.25,
                     linewidth=0.0,
                 )
-                panel.axvline(quantity.value, color=colour, linewidth=1.0, label=label)
+                panel.axvline(quantity.value / math.tau, color=colour, linewidth=1.0, label=label)
     for level in (-135.0, -180.0):
         phases.axhline(level, color=GREY, linewidth=0.7, linestyle=":")
     if result.delay is not None:
         ends = np.array([1.0, 2.0]) * result.neutral.value
         fall = np.degrees(2.0 * result.delay.value * (ends - ends[0]))
         style: dict[str, Any] = {"color": BLACK, "linewidth": 1.0}
-        phases.plot(ends, -180.0 - fall, linestyle="--", label="phase delay", **style)
+        phases.plot(ends / math.tau, -180.0 - fall, linestyle="--", label="phase delay", **style)
     decades(phases.xaxis, (1.0, 2.0, 5.0))
     y_label(gains, "gain (dB)")
     y_label(phases, "phase (deg)")
-    phases.set_xlabel("frequency (rad/s)", fontsize=LABEL_SIZE)
+    phases.set_xlabel("frequency (Hz)", fontsize=LABEL_SIZE)
     data = SIMULATED_DATA if estimate.simulated else MEASURED_DATA
     return finish(sheet, f"{qualities.name}: bandwidth\n{data}; spans: 95 %")
 
@@ -214,6 +217,7 @@ def figure_margins(estimate: Any) -> Figure:
         remedy = "say how the loop takes back its output (margins), minus or plus"
         raise DeclarationError("there are no margins to draw", where="loop", remedy=remedy)
     curve, margins = loop.curve, loop.margins
+    f = curve.omega / math.tau
     sheet = make_sheet([1.5, 1.5, 1.1], row_gap=0.14)
     rows = (
         (curve.gain, curve.gain_std, "gain (dB)", margins.gains, -1.0),
@@ -222,11 +226,11 @@ def figure_margins(estimate: Any) -> Figure:
     )
     for panel, (value, std, label, marks, sign) in zip(sheet.panels, rows, strict=True):
         half = np.minimum(NORMAL_HALF_WIDTH * std, _LARGEST_DRAWN_HALF_WIDTH)
-        panel.fill_between(curve.omega, value - half, value + half, **_BAND)
-        panel.plot(curve.omega, value, color=BLUE, linewidth=1.2, label="broken loop")
+        panel.fill_between(f, value - half, value + half, **_BAND)
+        panel.plot(f, value, color=BLUE, linewidth=1.2, label="broken loop")
         panel.axhline(0.0, color=GREY, linewidth=0.7, linestyle=":")
         panel.set_xscale("log")
-        panel.set_xlim(float(curve.omega[0]), float(curve.omega[-1]))
+        panel.set_xlim(float(f[0]), float(f[-1]))
         _limits(panel, value)
         for margin in marks:
             omega, end, zero = margin.frequency.value, sign * margin.size.value, 0.0
@@ -236,7 +240,7 @@ def figure_margins(estimate: Any) -> Figure:
                 # A phase margin begins at the multiple of 360 deg from which it ends on the curve.
                 shift = value[np.argmin(np.abs(curve.omega - omega))] - end
                 zero = 360.0 * round(shift / 360.0)
-            x = [omega, omega]
+            x = [omega / math.tau] * 2
             panel.plot(x, [zero, zero + end], color=colour, linewidth=1.4, label=text)
             interval = [zero + sign * margin.low, zero + sign * margin.high]
             panel.plot(x, interval, color=colour, linewidth=5.0, alpha=0.35, solid_capstyle="butt")
@@ -245,11 +249,11 @@ def figure_margins(estimate: Any) -> Figure:
         least = margins.distance
         level = 20.0 * math.log10(least.size.value)
         style: dict[str, Any] = {"color": BLACK, "linewidth": 1.4}
-        x = [least.frequency.value] * 2
+        x = [least.frequency.value / math.tau] * 2
         sheet.panels[2].plot(x, [0.0, level], label="least distance from −1", **style)
     axis = sheet.panels[-1]
     decades(axis.xaxis, (1.0, 2.0, 5.0))
-    axis.set_xlabel("frequency (rad/s)", fontsize=LABEL_SIZE)
+    axis.set_xlabel("frequency (Hz)", fontsize=LABEL_SIZE)
     data = SIMULATED_DATA if estimate.simulated else MEASURED_DATA
     return finish(sheet, f"{loop.name}: stability margins\n{data}; bands and bars: 95 %")
 
@@ -272,9 +276,19 @@ def _outside(frequency: np.ndarray, usable: np.ndarray) -> list[tuple[float, flo
     return [(float(low), float(high)) for low, high in ends if high > low]
 
 
-def _limits(panel: Any, values: np.ndarray, least: float = 3.0) -> None:
-    """Limit an axis to the line, not to its wide band; the margin is at least ``least``."""
+def _limits(panel: Any, values: np.ndarray, least: float = 3.0, reach: float = 0.0) -> None:
+    """Limit an axis to the line, not to its wide band; the margin is at least ``least``.
+
+    All lines of the panel are inside, as far as they are within ``reach`` of the line's range.
+    """
     low, high = float(np.min(values)), float(np.max(values))
+    if reach:
+        drawn = np.concatenate([np.asarray(line.get_ydata(), float) for line in panel.lines])
+        drawn = drawn[np.isfinite(drawn)]
+        low, high = (
+            max(min(low, float(drawn.min())), low - reach),
+            min(max(high, float(drawn.max())), high + reach),
+        )
     margin = max(0.15 * (high - low), least)
     if math.isfinite(low + high):
         panel.set_ylim(low - margin, high + margin)

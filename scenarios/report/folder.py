@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -287,6 +288,7 @@ def write_tables(page: Page, folder: Path) -> tuple[Path, ...]:
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 PDF = "report.pdf"
+PAPERS = {"a4": "A4", "letter": "letter"}  # word of ``--paper`` -> size of a page in CSS
 BROWSER_TIMEOUT = 60.0  # s
 
 
@@ -304,14 +306,23 @@ def browser() -> str | None:
     return path if Path(path).is_file() else None
 
 
-def write_pdf(folder: Path) -> Path:
+def write_pdf(folder: Path, paper: str = "a4") -> Path:
     """Print the page of a study folder as ``report.pdf`` in that folder, by Chromium or Chrome.
+
+    ``paper`` is a key of ``PAPERS``.
 
     Raises
     ------
     FlightidError
-        There is no such browser, or it did not print.
+        There is no such paper or no such browser, the folder has no content of a page, or the
+        browser did not print.
     """
+    if paper not in PAPERS:
+        raise FlightidError(
+            f"{paper!r} is no size of paper",
+            where="--paper",
+            remedy=f"give {' or '.join(PAPERS)}",
+        )
     program = browser()
     if program is None:
         raise FlightidError(
@@ -320,7 +331,7 @@ def write_pdf(folder: Path) -> Path:
             remedy="install one of them, or print the page from your own browser",
         )
     target = folder / PDF
-    with TemporaryDirectory(prefix="flightid-") as scratch:
+    with TemporaryDirectory(prefix="flightid-") as scratch, _sized(folder, paper) as page:
         printed = Path(scratch) / PDF
         command = [
             program,
@@ -330,7 +341,7 @@ def write_pdf(folder: Path) -> Path:
             "--no-pdf-header-footer",
             f"--user-data-dir={scratch}/profile",
             f"--print-to-pdf={printed}",
-            (folder / PAGE).resolve().as_uri(),
+            page.resolve().as_uri(),
         ]
         try:
             subprocess.run(command, check=True, capture_output=True, timeout=BROWSER_TIMEOUT)
@@ -343,6 +354,22 @@ def write_pdf(folder: Path) -> Path:
             ) from None
     target.write_bytes(content)
     return target
+
+
+@contextmanager
+def _sized(folder: Path, paper: str) -> Iterator[Path]:
+    """Yield a copy of a folder's page that prints on a paper; it is deleted afterwards.
+
+    Chromium has no option for the paper and takes US letter. The copy is beside the page, so that
+    relative links lead to the same files.
+    """
+    copy = folder / f".printed-{PAGE}"
+    text = page_html(stored_page(folder), PAPERS[paper])
+    try:
+        write_text(copy, text)
+        yield copy
+    finally:
+        copy.unlink(missing_ok=True)
 
 
 # ---- Page of a study folder

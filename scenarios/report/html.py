@@ -288,15 +288,18 @@ _FIGURES = {
 }
 
 
-def page_html(page: Page) -> str:
+def page_html(page: Page, paper: str = "") -> str:
     """Return the page; the same for the same content.
 
-    Its security policy allows only its own style and script, by their hashes.
+    ``paper`` is the size of the printed page in CSS (``"A4"``); empty leaves it to the browser.
+    The page's security policy allows only its own style and script, by their hashes.
     """
     from markupsafe import Markup
 
     plots = _plots(page)
     style, script = _style(), _resource("page.js")
+    if paper:
+        style = style.replace("@page {", f"@page {{ size: {paper};", 1)
     if plots:
         style, script = f"{_resource('uplot.min.css')}\n{style}", _with_plots(script)
     inputs = Table(
@@ -317,7 +320,7 @@ def page_html(page: Page) -> str:
         ),
         sections=list(_named(page.sections)),
         inputs=inputs,
-        room=_room(page),
+        room=_room(page, paper),
     )
     return escaped(text)
 
@@ -427,12 +430,15 @@ def _template() -> Template:
 
 
 _QUOTED = re.compile(r"`([^`\n]+)`")  # code in a text
-# Words that must not be broken at their hyphens: options of a command, and a maneuver.
-_WHOLE = re.compile(r"(?<![\w-])(--[a-z][a-z-]*|3-2-1-1)")
+# Words that must not be broken: options of a command, a maneuver, and an interval.
+_NUMBER = r"[-\N{MINUS SIGN}]?\d[\d.]*"
+_WHOLE = re.compile(rf"(?<![\w-])(--[a-z][a-z-]*|3-2-1-1|{_NUMBER} to {_NUMBER})")
 
 
 def _signs(text: str) -> Markup:
-    """Return a text with typographic signs; options and 3-2-1-1 are not broken into two lines."""
+    """Return a text with typographic signs; options, 3-2-1-1 and intervals are not broken into two
+    lines.
+    """
     from markupsafe import Markup, escape
 
     return Markup(_WHOLE.sub(r'<span class="word">\1</span>', str(escape(signs(text)))))
@@ -486,11 +492,12 @@ def _style() -> str:
 
 
 _ROOMS = range(130, 205, 5)  # mm; lower figures would have letters too small to read
-_SHEET = 697.0  # points between the margins of a sheet of US letter, the shorter of the usual ones
+# Points between the margins of a sheet: of A4, and of US letter, the shorter of the usual ones.
+_SHEETS = {"A4": 747.0, "": 697.0}
 _POINT = 25.4 / 72.0  # mm
 
 
-def _room(page: Page) -> int:
+def _room(page: Page, paper: str = "") -> int:
     """Return the height in mm that title, verdict, summary and warnings leave for the first figure
     on the first sheet, one of ``_ROOMS``. Return 0 if it is less; then the next sheet has it.
 
@@ -505,7 +512,7 @@ def _room(page: Page) -> int:
     for at, text in enumerate(page.summary):
         used += (17.4 * lines(text, 70) if at == 0 else 15.5 * lines(text, 80)) + 4.5
     used += sum(15.5 * lines(text, 72) + 11.0 for text in page.warnings)
-    room = int((_SHEET - used) * _POINT)
+    room = int((_SHEETS.get(paper, _SHEETS[""]) - used) * _POINT)
     return max((each for each in _ROOMS if each <= room), default=0)
 
 

@@ -111,6 +111,31 @@ def print_caution(out: Console, text: str) -> None:
         print_lines(out, [f"  {command}"])
 
 
+_CLAUSE_ENDS = re.compile(r"[;.](?= )")
+LONGEST_BEFORE = 2 * TEXT_WIDTH - 20  # characters of a warning before the result: two lines
+
+
+def first_clauses(sentence: str) -> tuple[str, str]:
+    """Return the beginning of a warning, which stands before the result, and the rest of it.
+
+    The beginning has whole clauses and at most ``LONGEST_BEFORE`` characters, and the command that
+    is to be typed next. The rest is empty if the whole warning is that short.
+
+    Examples
+    --------
+    >>> first_clauses("the record is short")
+    ('the record is short', '')
+    """
+    told, _, command = sentence.partition(NEXT)
+    following = f"{NEXT}{command}" if command else ""
+    ends = [match.start() for match in _CLAUSE_ENDS.finditer(told)]
+    fitting = [end for end in ends if end <= LONGEST_BEFORE]
+    if len(told) <= LONGEST_BEFORE or not ends:
+        return sentence, ""
+    end = fitting[-1] if fitting else ends[0]
+    return f"{told[:end]}{following}", told[end + 1 :].strip()
+
+
 def print_paragraph(out: Console, text: str, indent: int = 2) -> None:
     """Print a text folded at words, in lines of at most ``TEXT_WIDTH``, with an indent."""
     margin = " " * indent

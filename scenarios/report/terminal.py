@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 from rich.console import Console
@@ -41,6 +41,7 @@ from scenarios.report.document import (
 )
 from scenarios.report.quantities import displayed, shown_in, spaced, unit_cell
 from scenarios.report.summary import WIDTH, TableColumn, print_paragraph, print_table, table_lines
+from sim.record import Record
 
 SIGMA, UNIT = "+- sigma", "unit"  # headings
 
@@ -368,6 +369,24 @@ def fit_cells(channel: str, error: Quantity, fit: float, r2: float, theil: float
         Number(r2, digits=4),
         Number(theil, digits=3),
     ]
+
+
+def with_noise(fits: Table, noise: Mapping[str, float], record: Record) -> Table:
+    """Return a table with the columns ``FITS`` and, after the rms error, the sensor noise of each
+    channel: the rms error of a perfect model. ``noise`` is in the units of ``record``.
+    """
+    headings = [column.heading for column in fits.columns]
+    channel, after = headings.index("channel"), headings.index("rms error") + 1
+
+    def cell(name: Cell) -> Cell:
+        if not isinstance(name, str) or name not in noise:
+            return ""
+        value, _, unit = displayed(Quantity(noise[name], 0.0, record[name].unit))
+        return Number(value, unit=unit, shown=f"{value:.3g}{spaced(unit)}")
+
+    columns = (*fits.columns[:after], Column("sensor noise", PURE), *fits.columns[after:])
+    rows = [(*row[:after], cell(row[channel]), *row[after:]) for row in fits.rows]
+    return replace(fits, columns=columns, rows=tuple(rows))
 
 
 NO_FIT: list[Cell] = [MISSING, "no finite simulation", "", "", ""]

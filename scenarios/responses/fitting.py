@@ -246,15 +246,14 @@ def envelope_sentence(function: FittedResponse, mismatch: Mismatch) -> str:
     if function.form.name not in FORMS or not mismatch.piloted.any():
         return ""
     outside = mismatch.outside
-    omega = 2.0 * math.pi * mismatch.frequency
-    compared = omega[mismatch.piloted]
-    band = f"{compared[0]:.3g} to {compared[-1]:.3g} rad/s"
+    compared = mismatch.frequency[mismatch.piloted]
+    band = f"{compared[0]:.3g} to {compared[-1]:.3g} Hz"
     if not outside.any():
         return f"mismatch within the envelopes of unnoticeable added dynamics, {band}"
-    beyond = omega[outside]
+    beyond = mismatch.frequency[outside]
     return (
         f"mismatch beyond the envelopes of unnoticeable added dynamics at {outside.sum()} of "
-        f"{compared.size} frequencies from {band}, first at {beyond[0]:.3g} rad/s"
+        f"{compared.size} frequencies from {band}, first at {beyond[0]:.3g} Hz"
     )
 
 
@@ -318,13 +317,13 @@ def fit_cautions(fits: Fits | None) -> tuple[str, ...]:
 def _outside_band(function: FittedResponse, mismatch: Mismatch) -> list[str]:
     """Return a caution if a fitted mode is outside the usable band."""
     # The coherence may have a dip near a lightly damped mode, at which the band then ends.
-    low, high = (2.0 * math.pi * float(mismatch.frequency[end]) for end in (0, -1))
+    low, high = (float(mismatch.frequency[end]) for end in (0, -1))
     mode = function.values.get("frequency")
-    if mode is None or low <= mode <= high:
+    if mode is None or low <= mode / math.tau <= high:
         return []
     return [
-        f"{function.name}: the fitted mode at {mode:.3g} rad/s lies outside the usable band, "
-        f"{low:.3g} to {high:.3g} rad/s; a lower --coherence or longer windows (--window) may "
+        f"{function.name}: the fitted mode at {mode / math.tau:.3g} Hz lies outside the usable "
+        f"band, {low:.3g} to {high:.3g} Hz; a lower --coherence or longer windows (--window) may "
         "take it in"
     ]
 

@@ -37,9 +37,10 @@ from scenarios.studies.campaign_statistics import (
     statistics_csv,
 )
 from scenarios.studies.comparison import comparison, determination_csv, history_csv
+from scenarios.studies.page import study_page
 from scenarios.studies.study import MethodDetermination, MethodResult, StudyResult
 from scenarios.studies.sweep import Sweep, criteria_of, sweep_csv
-from scenarios.studies.text import print_study, study_page
+from scenarios.studies.text import print_study
 from sim.truth.flight import INTEGRATION_TOLERANCE, Truth
 
 if TYPE_CHECKING:

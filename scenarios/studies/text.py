@@ -15,25 +15,14 @@ from scenarios.report.document import (
     PURE,
     SIGMAS,
     Block,
-    Bullets,
     Cell,
     Column,
     Number,
-    Page,
     Prose,
-    Section,
-    as_sentence,
-    capital,
     formatted,
     known,
-    now,
-    reproduction,
-    section,
-    summary_sentences,
     table,
 )
-from scenarios.report.figure_formats import Drawn
-from scenarios.report.folder import first_figure
 from scenarios.report.quantities import console, derived_line, is_frequency, shown_in, test_line
 from scenarios.report.summary import (
     BELOW,
@@ -46,13 +35,9 @@ from scenarios.report.summary import (
     result_phrase,
 )
 from scenarios.report.terminal import (
-    derived_table,
     estimates_table,
-    fixed_table,
-    levels_of_noise,
     show_blocks,
     show_table,
-    tests_table,
 )
 from scenarios.studies.comparison import (
     HEADING,
@@ -73,7 +58,6 @@ from scenarios.studies.study import (
     flexibility_sentences,
 )
 from scenarios.studies.sweep import sweep_blocks, sweep_phrase
-from sim.truth.flight import EXACT, INTEGRATION_TOLERANCE, Truth
 
 # ---- What records and priors determine, in the terminal
 
@@ -355,149 +339,3 @@ def with_display(study: StudyResult, rows: Iterable[Row]) -> list[Row]:
 # ---- The page of a study
 
 SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
-
-
-def study_page(study: StudyResult, drawn: Sequence[Drawn] = ()) -> Page:
-    """Return the page of a study with the figures ``drawn``."""
-    scenario, main = study.scenario, study.main
-    outcome = main.result.estimate.outcome
-    white = all(test.passed for test in main.tests)
-    tone = "open" if outcome not in SETTLED else "good" if white else "fair"
-    files = [("model", file.name, file.sha256) for file in scenario.files]
-    first, others = first_figure(drawn)
-    return Page(
-        title=capital(scenario.title),
-        kind=f"Study {scenario.name}, {main.estimation.label}",
-        verdict=outcome.value.partition(":")[0].partition(",")[0],
-        tone=tone,
-        sentence=capital(within_line(main.rows, "condensed" if scenario.condensed else "true")),
-        summary=summary_sentences(study_summary(study)),
-        warnings=tuple(as_sentence(line) for line in (main.result.estimate.message,) if line),
-        sections=(
-            *section("Recorded and estimated", *first),
-            *section("Estimates", *_estimates(study, main)),
-            *section(
-                "Other methods", parts=tuple(_method(study, method) for method in study.methods[1:])
-            ),
-            *section(
-                "Repeated flights", *(repeated_blocks(study.repeated) if study.repeated else ())
-            ),
-            *section(
-                "What the record determines",
-                *(determination_blocks(study.determinations) if study.determinations else ()),
-            ),
-            *section(
-                "Structures from stiff to soft",
-                *(sweep_blocks(study.sweep) if study.sweep is not None else ()),
-            ),
-            *section("Further figures", *others),
-            *section("Residuals and noise", *_residual_blocks(study)),
-            *section("How it was made", *_provenance(study)),
-        ),
-        reproduction=reproduction(
-            ("flightid", "run", scenario.name, "--seed", str(study.seed)),
-            f"Seed {study.seed}.",
-            files,
-        ),
-        created=now(),
-    )
-
-
-def within_line(rows: Sequence[Row], reference: str) -> str:
-    """Return how many estimates are within two sigmas of the reference; empty without one."""
-    errors = [abs(row.sigmas) for row in rows if row.sigmas is not None and row.std > 0.0]
-    if not errors:
-        return ""
-    if len(errors) == 1:
-        return f"the estimate lies {errors[0]:.1f} of its sigmas from the {reference} value"
-    inside = sum(error <= 2.0 for error in errors)
-    return (
-        f"{inside} of {len(errors)} estimates lie within two of their sigmas of the {reference} "
-        f"value; the largest error is {max(errors):.1f} sigmas"
-    )
-
-
-def _estimates(
-    study: StudyResult, method: MethodResult, shown_before: Sequence[str] = ()
-) -> list[Block]:
-    """Return tables and sentences of a method, without sentences that were ``shown_before``."""
-    scenario, estimation = study.scenario, method.estimation
-    estimate = method.result.estimate
-    flown = scenario.flown
-    sentences = (
-        other_flight_line(scenario, estimation),
-        levels_line(method.levels, flown, method.tests) if flown is not None else "",
-        estimation.explanation,
-        *reference_lines(method.rows, estimation),
-    )
-    blocks: list[Block] = [
-        estimates_table(
-            f"{capital(estimation.label)}: {estimate.outcome.value}",
-            with_display(study, method.rows),
-        )
-    ]
-    blocks += [derived_table("Derived quantities", method.derived)] if method.derived else []
-    return [
-        *blocks,
-        *(Prose(as_sentence(line)) for line in sentences if line and line not in shown_before),
-    ]
-
-
-def _method(study: StudyResult, method: MethodResult) -> Section:
-    shown_before = reference_lines(study.methods[0].rows, study.methods[0].estimation)
-    choices = Bullets(tuple(choice_lines(method.estimation.choices)))
-    tests = Prose(as_sentence(test_line(method.tests))) if method.tests else None
-    blocks = _estimates(study, method, shown_before)
-    return section(capital(method.estimation.label), *blocks, tests, choices)[0]
-
-
-def _residual_blocks(study: StudyResult) -> list[Block]:
-    blocks: list[Block] = []
-    for method in study.methods:
-        estimate, record = method.result.estimate, method.result.record
-        label = f" ({method.estimation.label})" if len(study.methods) > 1 else ""
-        units = {channel.name: channel.unit for channel in record.outputs}
-        noise = {
-            name: (float(std), units.get(name, "1"))
-            for name, std in zip(estimate.output_names, estimate.noise_std, strict=True)
-        }
-        blocks += [tests_table(f"Residual tests{label}", method.tests)] if method.tests else []
-        blocks += [levels_of_noise(f"Sensor noise{label}", noise)]
-    return blocks
-
-
-def _integration_sentence(truth: Truth) -> str:
-    if truth.step is not None:
-        return f"The motion is integrated in steps of {truth.step:g} s."
-    if truth.method == EXACT:
-        return "The motion is the exact solution of the linear equations of the aircraft."
-    error = f"a relative error of {INTEGRATION_TOLERANCE:g}"
-    return f"The motion is integrated by {truth.method} to {error}."
-
-
-def _provenance(study: StudyResult) -> list[Block]:
-    """Return sentences on flight, model, engine, choices and vehicle, and a table of constants."""
-    scenario, record = study.scenario, study.record
-    vehicle = vehicle_line(scenario.flight)
-    blocks: list[Block] = [Prose(as_sentence(scenario.about))] if scenario.about else []
-    flight = (
-        f"Flight and model: {distance_text(scenario.distance)}. {len(record)} samples in "
-        f"{record.time[-1]:g} s."
-    )
-    blocks += [Prose(f"{flight} {_integration_sentence(study.truth)}")]
-    if line := engine_line([method.estimation for method in study.methods]):
-        blocks += [Prose(as_sentence(line))]
-    if study.flexibility is not None:
-        blocks += [
-            Prose(as_sentence(line))
-            for line in flexibility_sentences(study.flexibility, scenario.flight.noise_std)
-        ]
-    blocks += [Prose(as_sentence(note)) for note in study.notes]
-    if scenario.choices:
-        blocks += [
-            Prose("Chosen for this study, not published or published otherwise:"),
-            Bullets(tuple(choice_lines(scenario.choices))),
-        ]
-    blocks += [Prose(as_sentence(vehicle))] if vehicle else []
-    blocks += [fixed_table("Constants", study.main.fixed)] if study.main.fixed else []
-    return blocks

@@ -39,7 +39,7 @@ from scenarios.survey.survey import FALSE_DISCOVERY_RATE, Derivative, SurveyResu
 # to the same effect in all outputs.
 AT_THE_INPUT = ("actuator-lag", "actuator-second-order", "input-delay", "input-recorded-late")
 FORCES = ("CL_", "CD_", "CX_", "CY_", "CZ_")
-LEAST_P_VALUE = 1e-99  # smaller probabilities are reported as this
+LEAST_P_VALUE = 1e-9  # smaller probabilities are not exact, and are reported as below this
 HAS, HAS_NOT, UNDECIDED = "has it", "does not have it", "undecided"
 
 
@@ -282,7 +282,7 @@ def effects_table(survey: SurveyResult) -> Table:
 
     owners = {"aircraft": "the aircraft"}
     chances = [
-        Number(p, shown=f"{p:.1g}" if p > LEAST_P_VALUE else f"<{LEAST_P_VALUE:.0e}")
+        Number(p, shown=f"{p:.1g}" if p >= LEAST_P_VALUE else "<1e-9")
         for p in (effect.recurrence.p_value for effect in effects)
     ]
     return table(

@@ -242,7 +242,10 @@ def _expected(study: TraceStudy) -> str:
 
 
 def scored_page(study: TraceStudy, page: Page) -> Page:
-    """Return the page of a diagnosis with the scenario's title and the true values."""
+    """Return the page of a diagnosis with the scenario's title and the true values.
+
+    The true values come first: the summary is long, and on paper no figure fits below it.
+    """
     scenario = study.scenario
     scored = as_sentence(scored_sentence(study))
     truth = section(
@@ -259,7 +262,7 @@ def scored_page(study: TraceStudy, page: Page) -> Page:
         title=capital(scenario.title),
         kind=f"Study {scenario.name}: {page.kind}",
         summary=(*page.summary, scored),
-        sections=(*page.sections[:1], *truth, *page.sections[1:]),
+        sections=(*truth, *page.sections),
         reproduction=reproduction(
             ("flightid", "run", scenario.name, "--seed", str(study.seed)),
             f"Seed {study.seed}.",

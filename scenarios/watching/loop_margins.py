@@ -308,8 +308,8 @@ def _inside(margins: StabilityMargins, low: float, high: float) -> StabilityMarg
         return low * distance <= margin.frequency.value <= high / distance
 
     notes = tuple(
-        f"a {margin.kind} margin near {margin.frequency.value:.3g} rad/s lies at an end of the "
-        "usable band and is left out"
+        f"a {margin.kind} margin near {margin.frequency.value / math.tau:.3g} Hz lies at an end of "
+        "the usable band and is left out"
         for margin in (*margins.gains, *margins.phases)
         if not is_inside(margin)
     )

@@ -19,7 +19,7 @@ from ident.statistics.residuals import BOUND_SIGMAS
 from scenarios.files.sources import InputFile, read_json, resolved
 from scenarios.files.vehicles import VehicleFile, read_vehicle, vehicle_with_file
 from scenarios.identification.low_order import DERIVED, PAPER_START
-from scenarios.report.document import BY_ROW, PURE, Block, Column, Number, estimate, table
+from scenarios.report.document import BY_ROW, MISSING, PURE, Block, Column, Number, estimate, table
 from scenarios.report.quantities import number_text
 from scenarios.studies.comparison import DERIVED_UNITS, SCHEMA
 from sim.closed_loop.airframe import load_x29
@@ -402,15 +402,25 @@ def _weights(view: View) -> str:
 # ---- The comparison as a table and as content of comparison.json
 
 
-def differences_table(reference: Mapping[str, Any]) -> Block:
-    """Return a table of reference values with the differences of the last estimate.
-
-    ``reference``: content of ``reference_content``.
+def differences_table(content: Mapping[str, Any]) -> Block | None:
+    """Return a table of the last estimate beside the reference, with the differences; None without
+    a reference. ``content`` is the content of ``comparison.json``.
     """
+    reference = content.get("reference")
+    if reference is None:
+        return None
     rows = reference["differences"]
+    estimated = {**content.get("parameters", {}), **content.get("derived", {})}
     return table(
         f"The last estimate against {reference['study']}",
         (Column("quantity"), [_word(row["name"]) for row in rows]),
+        (
+            Column("estimate ± σ", BY_ROW),
+            [
+                estimate(entry["estimate"], entry["std"]) if entry else MISSING
+                for entry in (estimated.get(row["name"]) for row in rows)
+            ],
+        ),
         (
             Column("reference ± σ", BY_ROW),
             [estimate(row["reference"], row["reference_std"]) for row in rows],

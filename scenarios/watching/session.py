@@ -49,7 +49,7 @@ from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.low_order import filter_system, less, noise_levels, trim_of
 from scenarios.preparation.plan import BY_HAND
 from scenarios.report.document import Section, section
-from scenarios.report.figure_formats import USUAL
+from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.report.folder import figures
 from scenarios.watching.line_cells import is_row
 from scenarios.watching.loop_margins import STARTING_TIME
@@ -549,11 +549,11 @@ STEM = "watched"  # file stem of the figure
 
 
 def history_section(
-    folder: Path, history: str, content: Mapping[str, Any], title: str
+    folder: Path, history: str, content: Mapping[str, Any], title: str, formats: Formats = USUAL
 ) -> tuple[Section, ...]:
     """Draw the figure of the parameters over time, and return the section of the page with it.
 
-    Return no section if the history has fewer than two lines or no estimate.
+    Return no section if the history has fewer than two lines or no estimate, or without formats.
 
     Parameters
     ----------
@@ -561,9 +561,10 @@ def history_section(
     history : text of ``history.csv``, with columns ``NAME`` and ``NAME_std``.
     content : content of ``comparison.json``, which names the parameters and the reference.
     title : title of the figure.
+    formats : formats of the figure's files.
     """
     time, courses = courses_of(history, content["parameters"])
-    if len(time) < 2 or not courses:
+    if len(time) < 2 or not courses or not formats:
         return ()
     from scenarios.plots.drawing import draw_for_page
     from scenarios.plots.estimates import figure_watched
@@ -574,7 +575,7 @@ def history_section(
         if item.get("reference") is not None and item.get("reference_std") is not None
     }
     make = partial(figure_watched, time, courses, reference, title)
-    figure_files = draw_for_page([(STEM, make)], folder, USUAL)
+    figure_files = draw_for_page([(STEM, make)], folder, formats)
     return section("While the stream arrived", *figures(figure_files))
 
 

@@ -36,6 +36,7 @@ from scenarios.report.document import (
     reproduction,
     section,
 )
+from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.report.folder import figures as page_figures
 from scenarios.report.folder import write_page
 from scenarios.report.quantities import console, number_text
@@ -172,7 +173,9 @@ def beside_lines(session: SpectralSession | None, bank: Estimate) -> list[str]:
     ]
 
 
-def write_spectral(out: Path, watch: Watch, session: SpectralSession, name: str) -> None:
+def write_spectral(
+    out: Path, watch: Watch, session: SpectralSession, name: str, formats: Formats = USUAL
+) -> None:
     """Write the study folder of a stream in the frequency domain, completely or not at all."""
     estimate = last_estimate(session)
     items = items_of(session, estimate, watch.reference)
@@ -200,7 +203,8 @@ def write_spectral(out: Path, watch: Watch, session: SpectralSession, name: str)
             },
             "versions": versions(),
         }
-        first = history_section(scratch, history, content, f"{content['vehicle']}: {name}")
+        title = f"{content['vehicle']}: {name}"
+        first = history_section(scratch, history, content, title, formats)
         write_page(scratch, spectral_page(content, name, digest, first, session.vehicle.identity))
         write_json(
             scratch / "comparison.json",
@@ -261,9 +265,7 @@ def spectral_page(
         sections=(
             *first,
             *section("Estimates", *estimate_tables(content)),
-            *section(
-                "Against the reference", None if reference is None else differences_table(reference)
-            ),
+            *section("Against the reference", differences_table(content)),
             *section(
                 "How it was made",
                 fixed_table("Constants", fixed),
@@ -421,15 +423,19 @@ class PlottedLoop:
 
 
 def write_loop(
-    out: Path, watch: Watch, session: MarginSession, name: str, source: Path | None = None
+    out: Path,
+    watch: Watch,
+    session: MarginSession,
+    name: str,
+    source: Path | None = None,
+    formats: Formats = USUAL,
 ) -> None:
     """Write the study folder of a loop, completely or not at all.
 
-    ``source``: file of the rows; None for a pipe.
+    ``source``: file of the rows; None for a pipe. ``formats``: of the figures; empty draws none.
     """
     from scenarios.plots.drawing import draw_for_page
     from scenarios.plots.flying_qualities import figure_margin_history, figure_margins
-    from scenarios.report.figure_formats import USUAL
 
     loop = margins_of(session)
     digest = hashlib.sha256(source.read_bytes()).hexdigest() if source is not None else ""
@@ -443,11 +449,11 @@ def write_loop(
     }
     with study_folder(out, MAIN) as scratch:
         makers = []
-        if loop is not None:
+        if formats and loop is not None:
             makers.append(("loop", partial(figure_margins, PlottedLoop(loop))))
-        if any(shown(point) for point in session.points):
+        if formats and any(shown(point) for point in session.points):
             makers.append(("history", partial(figure_margin_history, session.points, name)))
-        figure_files = draw_for_page(makers, scratch, USUAL)
+        figure_files = draw_for_page(makers, scratch, formats)
         write_text(scratch / HISTORY, margin_history(session))
         write_page(scratch, loop_page(content, loop, name, digest, page_figures(figure_files)))
         write_json(scratch / MAIN, content)

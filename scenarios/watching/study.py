@@ -35,6 +35,7 @@ from scenarios.report.document import (
     reproduction,
     section,
 )
+from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.report.folder import CONTENT, write_page
 from scenarios.report.summary import PAGE
 from scenarios.report.terminal import derived_table, estimates_table, fixed_table
@@ -393,7 +394,7 @@ def watch_page(
             *section("Estimates", *estimate_tables(content)),
             *section("As the stream left it", *estimate_tables(methods.get("online"))),
             *section("In the frequency domain", *estimate_tables(methods.get(METHOD))),
-            *section("Against the reference", differences_table(reference) if reference else None),
+            *section("Against the reference", differences_table(content)),
             *section("Delay", *delay_tables(content)),
             *section(
                 "How it was made",
@@ -500,18 +501,18 @@ def write_watch(
     end: WatchOutcome,
     history: History,
     name: str,
+    figures: Formats = USUAL,
 ) -> None:
     """Write the files of a watch; the growing history becomes one of them."""
     with study_folder(out, "comparison.json") as scratch:
         record_file, _ = write_record(scratch, end.record)
-        history_text = history.finish()
-        write_text(scratch / NAME, history_text)
+        write_text(scratch / NAME, history_text := history.finish())
         if session.spectral is not None and session.spectral.points:
             write_text(scratch / FREQUENCY, history_csv(session.spectral))
         digest = hashlib.sha256(record_file.read_bytes()).hexdigest()
         content = watch_content(session, reference, end)
         title = f"{content['vehicle']}: {name}"
-        first = history_section(scratch, history_text, content, title)
+        first = history_section(scratch, history_text, content, title, figures)
         write_page(scratch, watch_page(content, name, digest, first, session.vehicle.identity))
         write_json(
             scratch / "comparison.json",

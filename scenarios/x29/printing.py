@@ -23,12 +23,16 @@ from scenarios.report.document import (
     Column,
     Number,
     Prose,
-    Table,
     formatted,
     known,
     table,
 )
-from scenarios.report.quantities import console, is_frequency, number_text, test_line
+from scenarios.report.quantities import (
+    console,
+    is_frequency,
+    shown_in,
+    test_line,
+)
 from scenarios.report.summary import (
     BELOW,
     Summary,
@@ -41,181 +45,24 @@ from scenarios.report.terminal import show_blocks
 from scenarios.studies.comparison import SEE_PAPERS, bank_line, choice_lines
 from scenarios.studies.text import print_choices, rest_of
 from scenarios.x29.content import (
-    correlated_pairs,
     correlation_content,
-    procedure_and_printed,
     units_of,
 )
 from scenarios.x29.declaration import (
-    has_table,
     printed_checks,
     printed_column,
-    printed_correlation,
     short_period,
 )
-from scenarios.x29.estimating import LARGE_CORRELATION, LoopMethodResult, Misfit, start_of
-from scenarios.x29.findings import COMPARED, off, own_method, sentences
+from scenarios.x29.estimating import LARGE_CORRELATION, Misfit, start_of
+from scenarios.x29.findings import sentences
+from scenarios.x29.published_tables import (
+    PER_ROOT_SECOND,
+    bare,
+    by_sigma,
+    paper_blocks,
+    triangle,
+)
 from scenarios.x29.study import LoopStudy
-
-TITLES = {"simulation": "Table 1", "flight": "Table 2"}
-SQUARED = "unit²"  # heading of a variance; the row names the quantity
-
-
-def paper_blocks(study: LoopStudy) -> list[Block]:
-    """Return the blocks of the published tables, all methods and restarts."""
-    column = study.scenario.column
-    out: list[Block] = []
-    if study.scenario.methods and has_table(column):
-        names, C = printed_correlation(column)
-        title = (
-            f"correlations as published in {TITLES[column]}, * above {LARGE_CORRELATION:g} in size"
-        )
-        out += [*_states(study, column), _pairs(study, column), _triangle(title, names, C)]
-    if study.scenario.methods:
-        out += _methods(study, column)
-    return [*out, *_restarts(study)]
-
-
-def _bare(heading: str, unit: str) -> Column:
-    """Return a column whose unit is shown on pages only."""
-    return Column(heading, unit, printed=heading)
-
-
-def _triangle(title: str, names: tuple[str, ...], C: np.ndarray) -> Table:
-    def cell(i: int, j: int) -> Cell:
-        if j > i:
-            return ""
-        mark = "*" if i != j and abs(C[i, j]) > LARGE_CORRELATION else ""
-        return Number(float(C[i, j]), shown=f"{C[i, j]:+z.2f}{mark}")
-
-    columns = [
-        (
-            Column(name, PURE, printed=name.replace("alpha", "al").replace("delta", "de")),
-            [cell(i, j) for i in range(len(names))],
-        )
-        for j, name in enumerate(names)
-    ]
-    return table(title, (Column("name", printed=" "), names), *columns)
-
-
-def _states(study: LoopStudy, column: str) -> list[Block]:
-    rows = procedure_and_printed(study, column)
-    values = list(rows.values())
-
-    def block(key: str, heading: str, unit: str) -> list[tuple[Column, list[Cell]]]:
-        here, published = (
-            ["" if row[key][side] is None else formatted(row[key][side], ".2e") for row in values]
-            for side in ("here", "published")
-        )
-        first = f"{heading}, here"
-        return [
-            (Column(first, unit, printed=first), here),
-            (Column("published", unit, printed="published", beside=True), published),
-        ]
-
-    units = units_of(study)
-    shown = table(
-        f"{TITLES[column]} and the published method on this record (plain bank, "
-        f"{study.single_pass.delay:.3f} s)",
-        (Column("state"), list(rows)),
-        *block("initial", "initial", BY_ROW),
-        *block("initial_variance", "P0", SQUARED),
-        *block("final", "final", BY_ROW),
-        *block("final_variance", "variance", SQUARED),
-        *block("R", "R", SQUARED),
-        *block("Q", "Q", f"{SQUARED}/s"),
-        units=[units[name] for name in rows],
-    )
-    note = (
-        "SI; the publication has R of alpha and q in deg^2 and (deg/s)^2; Q here is a spectral "
-        "density; R of nz is in the row of nz_0"
-    )
-    return [shown, Prose(note, "note")]
-
-
-def _pairs(study: LoopStudy, column: str) -> Table:
-    rows = correlated_pairs(study, column)
-    return table(
-        f"largest correlations of {TITLES[column]}",
-        (Column("correlation of"), [f"{a}, {b}" for a, b, *_ in rows]),
-        (Column("published", PURE), [formatted(value, "+.3f") for _, _, value, _, _ in rows]),
-        (Column("its method, here", PURE), [formatted(value, "+.3f") for *_, value, _ in rows]),
-        (Column("ours, refined", PURE), [formatted(value, "+.3f") for *_, value in rows]),
-    )
-
-
-def _methods(study: LoopStudy, column: str) -> list[Block]:
-    methods: list[LoopMethodResult] = [*study.methods, own_method(study)]
-    printed, units = printed_column(column), units_of(study)
-
-    def published(name: str, form: str) -> Cell:
-        """Return a printed number; Table 3 of the paper has no frequency and damping ratio."""
-        return formatted(printed[name].value if name in printed else None, form)
-
-    shown = table(
-        "methods by name",
-        (Column("method"), [*(m.label for m in methods), "published"]),
-        (_bare("delay", "s"), [*(formatted(m.delay, ".4f") for m in methods), ""]),
-        *(
-            (
-                _bare(n, units[n]),
-                [_by_sigma(m.values[n], m.std[n]) for m in methods] + [published(n, "g")],
-            )
-            for n in ("L_alpha", *COMPARED)
-        ),
-        (
-            Column("frequency", "rad/s", printed="rad/s"),
-            [
-                *(formatted(m.frequency, ".2f") for m in methods),
-                published("natural_frequency", ".2f"),
-            ],
-        ),
-        (
-            Column("damping", PURE),
-            [*(formatted(m.damping, ".3f") for m in methods), published("damping_ratio", ".3f")],
-        ),
-        (Column("off", "%"), [*(formatted(100.0 * off(m, column), ".0f") for m in methods), ""]),
-    )
-    note = (
-        f"off: root mean square of the relative differences of {', '.join(COMPARED)} from the "
-        "published ones"
-    )
-    return [shown, Prose(note, "note")]
-
-
-def _by_sigma(value: float, std: float) -> Cell:
-    """Return a number with digits by its sigma, which is not shown."""
-    return Number(value, shown=number_text(value, std))
-
-
-def _restarts(study: LoopStudy) -> list[Block]:
-    units, out = units_of(study), list[Block]()
-    for label, restarted in study.restarts.items():
-        rows = [
-            (k, i)
-            for k in range(len(restarted.delays))
-            for i in range(len(restarted.values["M_q"]))
-        ]
-        columns = [
-            (
-                Column(n, units[n], printed=n),
-                [formatted(restarted.values[n][i, k], ".4g") for k, i in rows],
-            )
-            for n in ("L_alpha", *COMPARED)
-        ]
-        out.append(
-            table(
-                f"plain filters started again from their own result: {label}",
-                (
-                    Column("delay", "s", printed="delay"),
-                    [formatted(restarted.delays[k], ".4f") for k, _ in rows],
-                ),
-                (Column("pass", PURE), [Number(i + 1, digits=0) for _, i in rows]),
-                *columns,
-            )
-        )
-    return out
-
 
 # ---- Tables of a closed-loop study
 
@@ -305,14 +152,13 @@ def _estimate(study: LoopStudy) -> list[Block]:
     def plain(name: str) -> Cell:
         if name == "delay":
             return formatted(study.single_pass.delay, ".3f")
-        return _by_sigma(study.single_pass.estimate.value(name), estimate.sigma(name))
+        return by_sigma(study.single_pass.estimate.value(name), estimate.sigma(name))
 
     def published(name: str) -> Cell:
         if name not in printed:
             return ""
         value, std = printed[name].value, printed[name].std
-        sigma = "" if std is None else f"{std:.2g}"
-        return Number(value, std, shown=f"{value:.5g}", shown_sigma=sigma)
+        return Number(value, std, shown="" if std else f"{value:.5g}")
 
     shown = table(
         f"estimate, delay refined: {estimate.outcome.value}",
@@ -336,33 +182,45 @@ def _filter_states(study: LoopStudy) -> list[Block]:
     units = units_of(study)
     items = [start_of(system, name) for name in history.names]
 
-    def scientific(values: Iterable[float]) -> list[Cell]:
-        return [formatted(float(value), ".3e") for value in values]
+    shown = {name: shown_in(units[name], name) for name in history.names}
 
-    shown = table(
-        f"states of the filter at the refined delay (R of nz {noise['nz'] ** 2:.3e} g2)",
+    def by_row(values: Iterable[float], sigmas: Iterable[float]) -> list[Cell]:
+        return [
+            Number(each.factor * float(value), each.factor * float(sigma) or None)
+            for each, value, sigma in zip(shown.values(), values, sigmas, strict=True)
+        ]
+
+    states = table(
+        f"states of the filter at the refined delay (sensor noise of nz {noise['nz']:.3g} g)",
         (Column("state"), list(history.names)),
-        (Column("initial", BY_ROW), scientific(item.value for item in items)),
-        (Column("final", BY_ROW), scientific(history.mean[:, -1])),
-        (_bare("initial variance", SQUARED), scientific(item.prior_std**2 for item in items)),
-        (_bare("final variance", SQUARED), scientific(history.std[:, -1] ** 2)),
         (
-            _bare("R", SQUARED),
-            [formatted(noise[n] ** 2, ".3e") if n in noise else "" for n in history.names],
+            Column("initial", BY_ROW),
+            by_row([item.value for item in items], [item.prior_std for item in items]),
+        ),
+        (Column("final", BY_ROW), by_row(history.mean[:, -1], history.std[:, -1])),
+        (
+            Column("sensor noise", BY_ROW),
+            [
+                formatted(each.factor * noise[n], ".3g") if n in noise else ""
+                for n, each in shown.items()
+            ],
         ),
         (
-            _bare("Q", f"{SQUARED}/s"),
-            [formatted(density.get(n, 0.0), ".1e") for n in history.names],
+            bare("process noise", PER_ROOT_SECOND),
+            [
+                formatted(each.factor * math.sqrt(density.get(n, 0.0)), ".3g")
+                for n, each in shown.items()
+            ],
         ),
-        units=[units[name] for name in history.names],
+        units=[each.unit for each in shown.values()],
     )
-    return [shown]
+    return [states]
 
 
 def _correlation(study: LoopStudy) -> list[Block]:
     content = correlation_content(study.result.estimate)
     title = f"correlations after the last sample, * above {LARGE_CORRELATION:g} in size"
-    return [_triangle(title, tuple(content["names"]), np.array(content["matrix"]))]
+    return [triangle(title, tuple(content["names"]), np.array(content["matrix"]))]
 
 
 def _qualities(study: LoopStudy) -> list[Block]:
@@ -373,7 +231,7 @@ def _qualities(study: LoopStudy) -> list[Block]:
             qualities.append(replace(q, value=q.value / math.tau, std=q.std / math.tau, unit="Hz"))
 
     def at(q: Quality, sigmas: float) -> Cell:
-        return _by_sigma(q.value + sigmas * q.std, q.std)
+        return by_sigma(q.value + sigmas * q.std, q.std)
 
     shown = table(
         "flying qualities",
@@ -424,7 +282,7 @@ def _check(study: LoopStudy) -> list[Block]:
         (
             Column("filter", BY_ROW),
             [
-                _by_sigma(filtered[n].value, filtered[n].std) if n in filtered else MISSING
+                by_sigma(filtered[n].value, filtered[n].std) if n in filtered else MISSING
                 for n in names
             ],
         ),
@@ -505,7 +363,7 @@ def _passes(study: LoopStudy) -> list[Block]:
         *(
             (
                 Column(n, units[n], printed=n),
-                [_by_sigma(estimate.value(n), estimate.sigma(n)) for estimate in study.passes],
+                [by_sigma(estimate.value(n), estimate.sigma(n)) for estimate in study.passes],
             )
             for n in names
         ),

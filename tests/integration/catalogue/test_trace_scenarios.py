@@ -179,6 +179,8 @@ def test_a_study_is_written_with_truth_before_and_after(tmp_path: Path) -> None:
     study = run_trace(scenario("trace-nothing"))
     assert study.grade is Grade.RIGHT
     write_trace(study, tmp_path / "study", figures=())
+    page = json.loads((tmp_path / "study" / "report.json").read_text(encoding="utf-8"))
+    assert page["sections"][0]["title"] == "Against the truth"
     content = json.loads((tmp_path / "study" / "comparison.json").read_text())
     assert content["schema"] == "flightid/comparison/1"
     assert set(content["parameters"]) == {"CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"}

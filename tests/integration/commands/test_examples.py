@@ -135,6 +135,8 @@ def test_a_diagnosis_predicts_later_what_it_predicted_at_once(folder: Path) -> N
         content(folder / "cause" / "diagnosis.json")["error"],
     )
     assert found["effects"] == found["claimed"] == ["vane-offset"]
+    page = (folder / "prediction" / "report.html").read_text(encoding="utf-8")
+    assert "sensor noise</button>" in page
     for when, key in (("after", "channels"), ("before", "declared")):
         assert {name: each["rms_error"] for name, each in found[key].items()} == error[when]["rmse"]
         assert {name: each["theil"] for name, each in found[key].items()} == error[when]["theil"]

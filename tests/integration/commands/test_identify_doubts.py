@@ -326,8 +326,12 @@ def test_the_next_command_names_the_record_to_hold_out(
     monkeypatch.chdir(tmp_path)
     flightid.done("simulate", "trace-delay", "--out", "flight.csv")
     fit = ("--model", "rigid", "--vehicle", "flight_vehicle.toml")
-    one = " ".join(flightid.done("identify", "flight.csv", *fit).split())
-    assert "a second record (--validate) would check the diagnosis; next:" in one
+    told = flightid.done("identify", "flight.csv", *fit)
+    before = told[told.index("warning: ") : told.index("  parameter ")].splitlines()
+    assert len(before) == 3 and before[1].endswith("; next:"), "two lines and the command"
+    assert 'on "do not use these sigmas": a second record (--validate) would' in " ".join(
+        told.split()
+    )
     both = flightid.done("identify", "flight.csv", "flight_validate.csv", *fit)
     assert "a second record" not in " ".join(both.split())
     command = f"flightid diagnose flight.csv {' '.join(fit)} --validate flight_validate.csv"

@@ -53,18 +53,6 @@ from tests.bases import LOES_CONSTANTS, LOES_VALUES
 from tests.integration.command_line import CommandLine, contents
 from tests.rigid_problem import noisy
 
-WRITTEN = {
-    "comparison.json",
-    "frequency.csv",
-    "history.csv",
-    "record.csv",
-    "record.json",
-    "report.html",
-    "report.json",
-    "study.txt",
-    "watched.png",
-}
-
 ROOT = Path(__file__).parents[3]
 START = {**{name: 1.15 * value for name, value in LOES_VALUES.items()}, "L_q": 1.0, "delay": 0.05}
 WRITTEN = {
@@ -715,6 +703,14 @@ def test_a_stream_of_measured_states(
     assert content["method"] == "frequency-domain" and content["band_Hz"] == pytest.approx(
         [0.1, 2.0]
     )
+
+
+def test_no_figures(flightid: CommandLine, measured: Path, tmp_path: Path) -> None:
+    words = ("--model", "rigid", "--vehicle", measured / "rigid.toml", "--until-end")
+    out = tmp_path / "out"
+    flightid.done("watch", measured / "rigid.csv", *words, "--no-figures", "--out", out)
+    assert {path.name for path in out.iterdir()} == WRITTEN - {"frequency.csv", "watched.png"}
+    assert "<figure" not in (out / "report.html").read_text(encoding="utf-8")
 
 
 def test_how_rows_come_does_not_matter() -> None:

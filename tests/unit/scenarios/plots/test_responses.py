@@ -58,6 +58,12 @@ def test_laws(flown: dict[str, np.ndarray], case: str) -> None:
     drawn += [figure_mismatch(details)] if case != "two" else [figure_response(details, 0, 1)]
     for figure in drawn:
         assert not broken_laws(figure)
+        assert figure.axes[-1].get_xlabel() == "frequency (Hz)"
+    for panel in drawn[0].axes[:2]:
+        bottom, top = panel.get_ylim()
+        for line in panel.lines:
+            values = np.asarray(line.get_ydata(), float)
+            assert bottom < values.min() and values.max() < top, "a curve leaves its panel"
     assert ("partial coherence" in words(drawn[0])) == (case == "two")
     assert ("direct" in words(drawn[0])) == (case == "joint")
     assert "phase bandwidth" in words(drawn[1]) and "-180 deg" in words(drawn[1])

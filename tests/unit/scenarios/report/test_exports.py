@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import html
 import math
+import os
 import re
 from pathlib import Path
 
@@ -21,6 +25,7 @@ from scenarios.report.folder import (
     write_workbook,
 )
 from sim.errors import FlightidError
+from tests.pages import PAGE
 
 ROWS = [("Cm_alpha", "1/rad", -1.657, 0.0018), ("L_p", "1/s", -2.5, 0.1), ("x_c", "m", 1.0, 1e30)]
 VALUES = st.floats(-1e6, 1e6).filter(lambda value: abs(value) > 1e-6)
@@ -86,6 +91,39 @@ def test_no_browser_and_a_broken_one_are_one_line(
     with pytest.raises(FlightidError, match="none was found; install"):
         write_pdf(tmp_path)
     monkeypatch.setattr(folder, "browser", lambda: str(tmp_path / "chromium"))
+    folder.write_page(tmp_path, PAGE)
+    before = {*tmp_path.iterdir()}
     with pytest.raises(FlightidError, match="chromium did not print the page"):
         write_pdf(tmp_path)
-    assert list(tmp_path.iterdir()) == []
+    assert {*tmp_path.iterdir()} == before
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the stand-in for a browser is a shell script")
+@pytest.mark.parametrize(("paper", "size"), [("a4", "A4"), ("letter", "letter")])
+def test_a_pdf_is_on_the_paper_that_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, paper: str, size: str
+) -> None:
+    program = tmp_path / "browser"
+    program.write_text(
+        "#!/bin/sh\n"
+        "for word; do case $word in --print-to-pdf=*) out=${word#*=};; file:*) page=${word#file://};;"
+        ' esac; done\ncat "$page" > "$out"\n'
+    )
+    program.chmod(0o755)
+    monkeypatch.setattr(folder, "browser", lambda: str(program))
+    study = tmp_path / "study"
+    study.mkdir()
+    folder.write_page(study, PAGE)
+    printed = write_pdf(study, paper).read_text(encoding="utf-8")
+    assert f"@page {{ size: {size}; margin: 16mm 14mm; }}" in printed
+    style = printed.partition("<style>")[2].partition("</style>")[0]
+    digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
+    # with another hash the browser ignores the style
+    assert f"style-src 'sha256-{digest}'" in html.unescape(printed)
+    assert "@page { margin:" in (study / "report.html").read_text(encoding="utf-8")
+    assert {each.name for each in study.iterdir()} == {"report.html", "report.json", "report.pdf"}
+
+
+def test_an_unknown_paper_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(FlightidError, match="'a5' is no size of paper; give a4 or letter"):
+        write_pdf(tmp_path, "a5")

@@ -75,6 +75,13 @@ def test_text_of_users_is_no_markup() -> None:
     assert len(PARSED.all("script")) == 1 and not PARSED.all("b")
 
 
+def test_an_interval_is_in_one_line() -> None:
+    section = Section("margins", (Prose("Gain margin 6.987 to 7.070 dB, -4.4 to 3.8 deg."),))
+    text = page_html(replace(PAGE, sections=(section,)))
+    for interval in ("6.987 to 7.070", "\N{MINUS SIGN}4.4 to 3.8"):
+        assert f'<span class="word">{interval}</span>' in text
+
+
 def test_a_caution_is_no_warning() -> None:
     lines = warning_lines(["the residual is more than noise"], ["20 samples are few"])
     text = page_html(replace(PAGE, warnings=lines))
