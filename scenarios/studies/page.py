@@ -365,6 +365,3 @@ def _provenance(study: StudyResult) -> list[Block]:
     blocks += [Prose(as_sentence(vehicle))] if vehicle else []
     blocks += [fixed_table("Constants", study.main.fixed)] if study.main.fixed else []
     return blocks
-
-
-# ---- The page of a campaign
