@@ -38,7 +38,12 @@ from scenarios.studies.campaign_statistics import (
 )
 from scenarios.studies.comparison import comparison, determination_csv, history_csv
 from scenarios.studies.page import study_page
-from scenarios.studies.study import MethodDetermination, MethodResult, StudyResult
+from scenarios.studies.study import (
+    MethodDetermination,
+    MethodResult,
+    StudyResult,
+    distinct_labels,
+)
 from scenarios.studies.sweep import Sweep, criteria_of, sweep_csv
 from scenarios.studies.text import print_study
 from sim.truth.flight import INTEGRATION_TOLERANCE, Truth
@@ -87,10 +92,11 @@ def draw_sweep(sweep: Sweep, title: str) -> Figure:
     courses = []
     for name, rigid in sweep.rigid.items():
         estimates = {}
-        for number, method in enumerate(points[0].methods):
+        labels = distinct_labels([method.estimation for method in points[0].methods])
+        for number, (label, method) in enumerate(zip(labels, points[0].methods, strict=True)):
             if name in method.names and (number == 0 or method.estimation.modes != main_modes):
                 at = method.names.index(name)
-                estimates[method.estimation.label] = [
+                estimates[label] = [
                     (float(point.methods[number].values[at]), float(point.methods[number].std[at]))
                     for point in points
                 ]

@@ -48,7 +48,12 @@ from scenarios.studies.comparison import (
     vehicle_line,
 )
 from scenarios.studies.declaration import Row
-from scenarios.studies.study import MethodResult, StudyResult, flexibility_sentences
+from scenarios.studies.study import (
+    MethodResult,
+    StudyResult,
+    distinct_labels,
+    flexibility_sentences,
+)
 from scenarios.studies.sweep import sweep_blocks
 from scenarios.studies.text import (
     determination_blocks,
@@ -183,7 +188,10 @@ def side_by_side(study: StudyResult, methods: Sequence[MethodResult]) -> list[Bl
     where there is a single parameter.
     """
     by_method = {
-        capital(method.estimation.label): with_display(study, method.rows) for method in methods
+        capital(label): with_display(study, method.rows)
+        for label, method in zip(
+            distinct_labels([method.estimation for method in methods]), methods, strict=True
+        )
     }
     if len(methods[0].rows) == 1:
         rows = [replace(shown[0], name=label) for label, shown in by_method.items()]
@@ -317,7 +325,9 @@ def _with_methods(study: StudyResult, tables: Sequence[Table]) -> Table:
     """Return the tables of all methods as one, with a column of the method: the first, or the last
     where a unit follows the first.
     """
-    labels = [capital(method.estimation.label) for method in study.methods]
+    labels = [
+        capital(label) for label in distinct_labels([method.estimation for method in study.methods])
+    ]
     units = tuple(unit for each in tables for unit in each.units)
     labelled = [
         (label, row) for label, each in zip(labels, tables, strict=True) for row in each.rows

@@ -387,6 +387,15 @@ class MethodResult:
         return self.result.estimation
 
 
+def distinct_labels(estimations: Sequence[Estimation]) -> list[str]:
+    """Return the label of each estimation, with its name where several have this label."""
+    labels = [estimation.label for estimation in estimations]
+    return [
+        f"{label} ({estimation.name})" if labels.count(label) > 1 else label
+        for label, estimation in zip(labels, estimations, strict=True)
+    ]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class StudyResult:
     """Results of a scenario.

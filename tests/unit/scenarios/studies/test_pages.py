@@ -46,3 +46,15 @@ def test_what_is_said_of_other_methods_is_folded(study: StudyResult) -> None:
     folds = [block for block in others.blocks if isinstance(block, Fold)]
     assert len(folds) == len(study.methods) - 1 and not others.parts
     assert all(fold.items[0].startswith("Converged") for fold in folds)
+
+
+def test_methods_of_one_label_have_their_names() -> None:
+    """Two flights by one method: neither column of the page takes the place of the other."""
+    own = '[{input="elevator", kind="doublet", amplitude=0.05, unit="0.5 s", start="1 s"}]'
+    changes = [*SHORT, f'methods=[{{name="doublet", explanation="x", flight={{maneuvers={own}}}}}]']
+    page = study_page(run_scenario(load_scenario("rigid", changes)))
+    (estimates,) = (each for each in tables(page.sections) if "Estimates of all" in each.caption)
+    assert [column.heading for column in estimates.columns[2:]] == [
+        "Extended Kalman filter (main)",
+        "Extended Kalman filter (doublet)",
+    ]
