@@ -29,8 +29,9 @@ from ident.tracing.fitted_model import (
     local_names,
     start_and_guesses,
 )
+from ident.tracing.linear_sets import likely_starts
 from ident.tracing.problem import search_context
-from ident.tracing.scan import KEPT_PLACES, starts_at
+from ident.tracing.scan import KEPT_LEADS
 from ident.tracing.whiteness import whiteness
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitProblem, Prior, lay_out
@@ -282,7 +283,9 @@ class _HeldOutFitter:
         """Add an effect of one record to a fit of ``rest``, from the starts that the records
         suggest and from ``further`` starts, and return the best fit.
         """
-        starts = [start for _, start in starts_at(base, effect, search_context(base))[:KEPT_PLACES]]
+        starts = [
+            start for _, start in likely_starts(base, effect, search_context(base))[:KEPT_LEADS]
+        ]
         fits = [self.fit([*rest, effect], base.values.with_added(start)) for start in starts]
         fits += [self.fit([*rest, effect], base.values, start) for start in further]
         return _best(*fits)

@@ -27,15 +27,9 @@ from ident.tracing.fitted_model import (
     quantities,
     together,
 )
+from ident.tracing.linear_sets import LinearSet, leading_sets, most_probable_sets
 from ident.tracing.problem import TraceProblem, search_context
-from ident.tracing.scan import (
-    LinearSet,
-    leading_sets,
-    leads_of,
-    prepared,
-    starts_of,
-    weighed_sets,
-)
+from ident.tracing.scan import leads_of, start_values, whitened_fit
 from ident.tracing.signatures import CandidateSignatures, candidate_signatures
 from ident.tracing.whiteness import is_noise
 from sim.declaration.effect import NoiseEffect, full_name
@@ -198,7 +192,7 @@ class Search:
         for share in SHARES:
             added: list[dict[str, float]] = [{} for _ in parent.fitted.values.own]
             for lead, coefficients in zip(proposed.leads, proposed.coefficients, strict=True):
-                starts = starts_of(lead, share * coefficients, len(added), self.context.interval)
+                starts = start_values(lead, share * coefficients, len(added), self.context.interval)
                 for record, one in zip(added, starts, strict=True):
                     record |= one
             if added == before:  # no lead has an amplitude
@@ -541,7 +535,7 @@ class Search:
         With ``most`` zero, single leads of ``wanted`` names alone. Signatures come from the last
         scan at a leading set: at other sets they are nearly equal.
         """
-        ready = prepared(parent.fitted, set_prior(parent.fitted, self.context))
+        ready = whitened_fit(parent.fitted, set_prior(parent.fitted, self.context))
         if most == FITTED_SINGLES or not self.shown:
             self.shown |= candidate_signatures(parent.fitted, self.candidates, self.context)
         shown = [one for one in self.shown.values() if most or one[0].name in wanted]
@@ -550,7 +544,7 @@ class Search:
             for lead in leads_of(parent.fitted, ready, shown, self.context)
             if all(together(lead.effect, other) for other in parent.fitted.effects)
         ]
-        sets, overlap = weighed_sets(
+        sets, overlap = most_probable_sets(
             ready,
             leads,
             lambda lead: log_odds([lead.effect], self.families, self.problem.named_by_kinematics),
