@@ -325,10 +325,10 @@ def _decide_under_white_noise(
     # Keep the declared model if it leaves noise and only uncertain nuisance dynamics were found.
     slow_alone = all(each.traits.background for each in best.fitted.effects)
     uncertain = min(map(_group_probability, named), default=1.0) < CLAIM_LEVEL
-    if slow_alone and uncertain and is_noise(search.root.fitted.fit):
+    if slow_alone and uncertain and is_noise(search.base_set.fitted.fit):
         named = [replace(each, within=best.fitted) for each in named]
-        best = search.root
-    if not named or best is search.root:
+        best = search.base_set
+    if not named or best is search.base_set:
         verdict = Verdict.CONSISTENT
     elif search.problem.guards & best.names or min(map(_group_probability, named)) < CLAIM_LEVEL:
         verdict = Verdict.UNEXPLAINED
@@ -350,7 +350,7 @@ def _decide_under_white_noise(
             for each in whole.fitted.effects
             if each.name in slight and is_physical_effect(each, whole, search.context.interval)
         )
-    return Decision(verdict, best.fitted, search.root.fitted, claims, hints, (search,))
+    return Decision(verdict, best.fitted, search.base_set.fitted, claims, hints, (search,))
 
 
 def _no_claims(search: Search, best: WeighedSet) -> Decision:
@@ -359,15 +359,15 @@ def _no_claims(search: Search, best: WeighedSet) -> Decision:
     where = " of data that were not fitted" if is_noise(best.fitted.fit) else ""
     why = f"with all that was found the residual{where} is not noise"
     hints = tuple(Named(name, inclusion[name], {}, reason=why) for name in sorted(best.names))
-    root = search.root.fitted
-    return Decision(Verdict.UNEXPLAINED, best.fitted, root, (), hints, (search,))
+    reference = search.base_set.fitted
+    return Decision(Verdict.UNEXPLAINED, best.fitted, reference, (), hints, (search,))
 
 
 def _decide_beside_discrepancy(white: Search, search: Search, best: WeighedSet) -> Decision:
     """Decide with a discrepancy in the model: claim the effects whose evidence is spread over the
     records, with the rivals of each.
     """
-    guards, root = search.problem.guards, search.root.fitted
+    guards, reference = search.problem.guards, search.base_set.fitted
     searches = (white, search)
     best, spread = _drop_local_evidence(search, best)
     best, spread, rough = _drop_turbulence_of_maneuvers(white, search, best, spread)
@@ -380,15 +380,15 @@ def _decide_beside_discrepancy(white: Search, search: Search, best: WeighedSet) 
         if is_physical_effect(effects[name], best, interval)
     ]
     if not named:
-        return Decision(Verdict.UNEXPLAINED, root, root, (), rough, searches)
+        return Decision(Verdict.UNEXPLAINED, reference, reference, (), rough, searches)
     if guards & set(spread):
         hints = tuple(replace(each, reason=CATCH_ALL_REASON) for each in named)
-        return Decision(Verdict.UNEXPLAINED, best.fitted, root, (), hints, searches)
+        return Decision(Verdict.UNEXPLAINED, best.fitted, reference, (), hints, searches)
     verdict = (
         Verdict.PARTIAL if all(each.probability >= 0.5 for each in named) else Verdict.AMBIGUOUS
     )
     hints = (*rough, *_local_hints(search, best))
-    return Decision(verdict, best.fitted, root, tuple(named), hints, searches)
+    return Decision(verdict, best.fitted, reference, tuple(named), hints, searches)
 
 
 def _prefer_kinematic_names(

@@ -177,9 +177,10 @@ def is_event(effect: Traceable) -> bool:
     return bool(effect.traits.onset)
 
 
-def together(one: Traceable, other: Traceable) -> bool:
-    """Return whether two effects may be in one set: not two names of one fault, nor laws of which a
-    record shows at most one.
+def compatible(one: Traceable, other: Traceable) -> bool:
+    """Return whether two effects may be in one set.
+
+    Two names of one fault may not, nor two laws of which a record shows at most one.
     """
     return one.name != other.name and not any(
         name in (*each.traits.twins, *each.traits.never_beside)

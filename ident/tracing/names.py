@@ -110,7 +110,7 @@ def look_alikes(
         if effect.name in key:
             continue
         for name in key - best.names:
-            alike = search.alike.get(frozenset((name, effect.name)), 0.0) > CONFUSABLE_COSINE
+            alike = search.cosines.get(frozenset((name, effect.name)), 0.0) > CONFUSABLE_COSINE
             if alike or name in (*traits.equivalents, *traits.twins, *effect.aliases):
                 found[name] = found.get(name, 0.0) + share
         new = key - best.names

@@ -214,13 +214,13 @@ def search_spread_evidence(search: Search) -> WeighedSet:
 
     After each addition, earlier members that are no longer needed are removed, one at a time.
     """
-    leader, interval = search.root, search.context.interval
+    leader, interval = search.base_set, search.context.interval
     named = search.set_named_by_kinematics()
     if named is not None:
         leader = _needed(search, named)
     for _ in range(MOST_EFFECTS):
         if leader.names not in search.expanded:
-            search.expand(leader, deepest=1)
+            search.expand(leader, largest_addition=1)
         good = [
             one
             for key, one in search.visited.items()

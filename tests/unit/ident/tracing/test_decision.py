@@ -246,7 +246,7 @@ def test_a_set_that_fits_worse_than_a_part_of_it_takes_no_part() -> None:
     """
     problem = offered([planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=2)])
     search = Search(problem, problem.candidates)
-    root, whole = search.root, problem.fit([effect(LATE)], search.declared)
+    root, whole = search.base_set, problem.fit([effect(LATE)], search.declared)
     assert whole is not None
     good = search.store(whole)
     worse = replace(whole, fit=replace(whole.fit, cost=root.fitted.fit.cost + CLEAR_GAIN + 1.0))
@@ -255,9 +255,9 @@ def test_a_set_that_fits_worse_than_a_part_of_it_takes_no_part() -> None:
         search.visited = {}
         for one in sets:
             search.visited[one.names] = one
-            search._set_aside_failed(one)
+            search._exclude_failed(one)
         assert search.best() is root and search.visited[good.names].weight == -math.inf
-        assert search.weighed_by_own_odds(search.visited[good.names]).weight == -math.inf
+        assert search.with_prior_odds(search.visited[good.names]).weight == -math.inf
     # The set is fitted again from the part, once, and takes part again.
     repaired = search.set_without(failed, "of a larger set")
     assert repaired is not None and repaired.weight == pytest.approx(good.weight, abs=0.1)
