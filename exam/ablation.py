@@ -139,7 +139,7 @@ RULES: Mapping[str, Rule] = {
     "certain part": Rule(
         "what is not certain in the likeliest set is left out if the rest is credible",
         decision,
-        "certain_part",
+        "certain_subset",
         _second,
         _not_second,
     ),
