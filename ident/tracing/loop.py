@@ -13,7 +13,7 @@ from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.residuals import WHITENESS_P_VALUE
 from ident.tracing.between_records import (
     RecordScatter,
-    of_each_record,
+    parameters_by_record,
     scatter_between_records,
     widened_by_scatter,
 )
@@ -472,7 +472,7 @@ def _claim(
         **{name: named.alternatives[name] for name in others},
     }
     random = isinstance(effect, NoiseEffect)
-    by_record = of_each_record(best, effect) if claimed and named.spread is not None else ()
+    by_record = parameters_by_record(best, effect) if claimed and named.spread is not None else ()
     return Claim(
         named.name,
         widened_by_scatter(quantities(best, effect), by_record),

@@ -369,9 +369,10 @@ def _gains_at(
 def _gains_at_every_shift(
     whitened: WhitenedFit, r: int, signature: np.ndarray, prior: tuple[np.ndarray, np.ndarray]
 ) -> Callable[[Sequence[int]], tuple[np.ndarray, np.ndarray]]:
-    """Return the function of ``shifts`` that ``_gains_at`` is, with all shifts computed at once.
+    """Return a function of ``shifts`` with the same result as ``_gains_at``.
 
-    It is faster if nearly every shift is needed, and requires ``whitened.by_output``.
+    All shifts are computed at once, which is faster if nearly every one is needed. It requires
+    ``whitened.by_output``.
     """
     m, count, k = signature.shape
     grams = np.zeros((count, k, k))

@@ -106,8 +106,8 @@ def simulated_signatures(
                 for name in system.state_names
             ]
         )
-        # If the fitted model has input effects and the candidate is one too, the inputs of the base
-        # motion differ from the fitted ones: None computes it anew.
+        # A candidate that changes inputs which effects of the set change as well alters the inputs of
+        # the base motion, which cannot be reused: None computes it anew.
         motion = (
             None
             if layout.system.input_stages and effect.station is Station.INPUT_PATH
