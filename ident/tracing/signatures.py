@@ -106,8 +106,8 @@ def simulated_signatures(
                 for name in system.state_names
             ]
         )
-        # A candidate that changes inputs which effects of the set change as well alters the inputs of
-        # the base motion, which cannot be reused: None computes it anew.
+        # If effects of the set and the candidate act on the inputs, the base motion has other
+        # inputs and cannot be reused: None computes it anew.
         motion = (
             None
             if layout.system.input_stages and effect.station is Station.INPUT_PATH

@@ -23,7 +23,7 @@ from ident.tracing.loop import diagnose
 from ident.tracing.names import probabilities
 from ident.tracing.problem import TraceProblem
 from ident.tracing.search import CLEAR_GAIN, Search
-from ident.tracing.steady_search import over_scatter, quiet_vuong, vuong
+from ident.tracing.steady_search import gain_over_scatter, quiet_vuong, vuong
 from ident.whole_record.layout import FitSettings
 from sim.effects.disturbance.unmeasured_input import discrepancy_for
 from sim.effects.library import effects_for
@@ -394,7 +394,7 @@ def test_z_of_few_blocks_is_rarely_large() -> None:
     rng = np.random.default_rng(4)
     for blocks in (4, 8, 60):
         draws = rng.normal(0.0, 10.0, (4000, blocks))
-        z = np.array([over_scatter(float(each.sum()), each) for each in draws])
+        z = np.array([gain_over_scatter(float(each.sum()), each) for each in draws])
         shares = [float(np.mean(z > level)) for level in (1.0, 2.0, 2.5)]
         assert shares[0] < 0.18 and shares[1] < 0.03 and shares[2] < 0.01
 
