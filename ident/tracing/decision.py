@@ -26,6 +26,7 @@ from ident.tracing.names import (
 )
 from ident.tracing.problem import TraceProblem
 from ident.tracing.search import CLEAR_GAIN, FITTED_SINGLES, Search
+from ident.tracing.search_log import fitted_sets
 from ident.tracing.steady_search import (
     CONFUSABLE_SETS_Z,
     is_steady,
@@ -78,16 +79,9 @@ class Decision:
     def sets(self) -> tuple[FittedSet, ...]:
         """Fitted sets of all searches without failed ones, the most probable of each first."""
         return tuple(
-            FittedSet(
-                search.title,
-                tuple(sorted(one.names)),
-                one.fitted.fit.log_likelihood,
-                one.evidence,
-                one.weight - one.evidence,
-            )
+            entry
             for search in self.searches
-            for one in sorted(search.visited.values(), key=lambda one: -one.weight)
-            if one.weight > -math.inf
+            for entry in fitted_sets(search.title, search.visited.values())
         )
 
     @property

@@ -1,10 +1,10 @@
-"""Log of a search for the report: candidates tried at each set, and a sentence for each step."""
+"""Log of a search for the report: candidates tried at each set, steps, and fitted sets."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 
-from ident.tracing.diagnosis import Candidate, Step
+from ident.tracing.diagnosis import Candidate, FittedSet, Step
 from ident.tracing.evidence import WeighedSet
 from ident.tracing.fitted_model import quantities
 from ident.tracing.linear_sets import LinearSet
@@ -80,3 +80,21 @@ def logged_step(what: str, best: WeighedSet, added: Collection[str], log_odds: f
     )
     log_likelihood = best.fitted.fit.log_likelihood
     return Step(tuple(sorted(best.names)), best.evidence, log_likelihood, sentence)
+
+
+def fitted_sets(title: str, sets: Iterable[WeighedSet]) -> list[FittedSet]:
+    """Return the log entries of fitted sets, the most probable first; excluded sets are omitted.
+
+    ``title`` : of the search.
+    """
+    return [
+        FittedSet(
+            title,
+            tuple(sorted(one.names)),
+            one.fitted.fit.log_likelihood,
+            one.evidence,
+            one.weight - one.evidence,
+        )
+        for one in sorted(sets, key=lambda one: -one.weight)
+        if one.weight > float("-inf")
+    ]
