@@ -228,7 +228,7 @@ def diagnose(
         search = search.with_kinematics(groups)
     decision, out, gain = _decide_and_predict(search, discrepancy, held)
     problem = search.problem
-    judgement = _with_judgement(problem, decision, out, gain, held, (*declared.spikes, *spikes))
+    judgement = _judgement(problem, decision, out, gain, held, (*declared.spikes, *spikes))
     before, after = _scatter(problem, declared_fit, judgement, held)
     diagnosis = reported(
         problem,
@@ -381,7 +381,7 @@ def _decide_and_predict(
     return decision, out, gain
 
 
-def _with_judgement(
+def _judgement(
     problem: TraceProblem,
     decision: Decision,
     out: HeldOut,
@@ -389,7 +389,7 @@ def _with_judgement(
     held: HeldOutData,
     spikes: Sequence[Claim],
 ) -> Judgement:
-    """Return the decision with its residual tests, claims and cautions."""
+    """Return the judgement of a decision: its verdict with residual tests, claims and cautions."""
     best = decision.best
     tests = residual_tests(best, out)
     failed_tests = not_noise(tests.all, WHITENESS_P_VALUE)

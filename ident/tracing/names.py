@@ -64,11 +64,11 @@ def probabilities(search: Search, without: Collection[str] = ()) -> dict[Key, fl
 
 def inclusion_probabilities(sets: Mapping[Key, float]) -> dict[str, float]:
     """Return the probability of each effect: the sum over the sets that contain it."""
-    found: dict[str, float] = {}
+    inclusion: dict[str, float] = {}
     for key, share in sets.items():
         for name in key:
-            found[name] = found.get(name, 0.0) + share
-    return found
+            inclusion[name] = inclusion.get(name, 0.0) + share
+    return inclusion
 
 
 def named_with_alternatives(
@@ -114,22 +114,27 @@ def confusable_effects(
     """Return the effects that the records cannot distinguish from a member, with their
     probabilities.
     """
-    found: dict[str, float] = {}
-    equal: set[str] = set()
+    confusable: dict[str, float] = {}
+    equivalent: set[str] = set()
     traits = effect.traits
     for key, share in sets.items():
         if effect.name in key:
             continue
         for name in key - best.names:
-            alike = search.cosines.get(frozenset((name, effect.name)), 0.0) > CONFUSABLE_COSINE
-            if alike or name in (*traits.equivalents, *traits.twins, *effect.aliases):
-                found[name] = found.get(name, 0.0) + share
+            similar = search.cosines.get(frozenset((name, effect.name)), 0.0) > CONFUSABLE_COSINE
+            if similar or name in (*traits.equivalents, *traits.twins, *effect.aliases):
+                confusable[name] = confusable.get(name, 0.0) + share
         new = key - best.names
-        apart = abs(search.visited[key].fitted.fit.cost - best.fitted.fit.cost)
-        if len(key) == len(best.names) and len(new) == 1 and apart < CONFUSABLE_SETS_Z:
-            equal |= new & set(traits.equivalents)  # equivalent for the data; priors alone differ
-    least = 0.05 * (1.0 - CLAIM_LEVEL)
-    return {name: share for name, share in found.items() if share > least or name in equal}
+        cost_difference = abs(search.visited[key].fitted.fit.cost - best.fitted.fit.cost)
+        if len(key) == len(best.names) and len(new) == 1 and cost_difference < CONFUSABLE_SETS_Z:
+            # equivalent for the data; priors alone differ
+            equivalent |= new & set(traits.equivalents)
+    least_probability = 0.05 * (1.0 - CLAIM_LEVEL)
+    return {
+        name: share
+        for name, share in confusable.items()
+        if share > least_probability or name in equivalent
+    }
 
 
 def event_names(effects: Iterable[Traceable]) -> frozenset[str]:
@@ -152,12 +157,12 @@ def passing_events(white: Search, best: WeighedSet, name: str) -> dict[str, floa
     """
     (effect,) = [each for each in best.fitted.effects if each.name == name]
     names = best.names & ({each.name for each in white.candidates} | white.base_names)
-    found = white.visited.get(frozenset(names))
-    if not isinstance(effect, NoiseEffect) or found is None:
+    same_set = white.visited.get(frozenset(names))
+    if not isinstance(effect, NoiseEffect) or same_set is None:
         return {}
     events = event_names(white.candidates)
-    rivals = alternatives_by_vuong(white, found, name, least=-math.inf)
-    return {other: odds for other, odds in rivals.items() if other in events}
+    alternatives = alternatives_by_vuong(white, same_set, name, least=-math.inf)
+    return {other: odds for other, odds in alternatives.items() if other in events}
 
 
 def alternatives_by_vuong(
@@ -177,7 +182,7 @@ def alternatives_by_vuong(
 
     rest = best.names - {name}
     nuisance = search.problem.background
-    found: dict[str, float] = {}
+    odds: dict[str, float] = {}
     for key, other in search.visited.items():
         new = key - rest
         new = new - nuisance if len(new) > 1 else new
@@ -185,11 +190,11 @@ def alternatives_by_vuong(
             continue
         z = vuong(best, other, search.context.interval)
         if z < CONFUSABLE_SETS_Z and least < best.weight - other.weight < clear:
-            p, rival = float(ndtr(z)), next(iter(new))
+            p, alternative = float(ndtr(z)), next(iter(new))
             # Kinematic evidence is independent of the force model, and decides.
-            even = 1.0 if rival in search.problem.named_by_kinematics else 0.0
-            found[rival] = max((1.0 - p) / p, even, found.get(rival, 0.0))
-    return found
+            least_odds = 1.0 if alternative in search.problem.named_by_kinematics else 0.0
+            odds[alternative] = max((1.0 - p) / p, least_odds, odds.get(alternative, 0.0))
+    return odds
 
 
 # ---- Members of the most probable set
