@@ -59,7 +59,7 @@ def least(act: Callable[[], object], runs: int) -> float:
 def main() -> None:
     from ident.tracing.evidence import set_prior
     from ident.tracing.problem import search_context
-    from ident.tracing.scan import leads_of, prepared
+    from ident.tracing.scan import leads_of, whitened_fit
     from ident.tracing.signatures import candidate_signatures
     from scenarios.diagnosis.opening import candidates_for
 
@@ -73,19 +73,19 @@ def main() -> None:
         fitted = problem.fit((), None)
         context, every = search_context(fitted), candidates_for(problem.model)
         prior = set_prior(fitted, context)
-        ready = prepared(fitted, prior)
+        whitened = whitened_fit(fitted, prior)
         named, instances = (
             [c for c in every if c.traits.general is wanted] for wanted in (False, True)
         )
-        first = least(lambda f=fitted, p=prior: prepared(f, p), runs)
+        first = least(lambda f=fitted, p=prior: whitened_fit(f, p), runs)
         known = least(
-            lambda f=fitted, r=ready, e=named, c=context: leads_of(
+            lambda f=fitted, r=whitened, e=named, c=context: leads_of(
                 f, r, [*candidate_signatures(f, e, c).values()], c
             ),
             runs,
         )
         general = least(
-            lambda f=fitted, r=ready, e=instances, c=context: leads_of(
+            lambda f=fitted, r=whitened, e=instances, c=context: leads_of(
                 f, r, [*candidate_signatures(f, e, c).values()], c
             ),
             runs,

@@ -95,26 +95,27 @@ RULES: Mapping[str, Rule] = {
         lambda before, result, search, one: result is not None and result.weight > one.weight,
     ),
     "look-alikes": _search_step(
-        "effects with the signature of a member are tried in its place", "_with_look_alikes"
+        "effects with the signature of a member are tried in its place", "_try_confusable_effects"
     ),
     "equivalents": _search_step(
-        "effects that no record tells from a member are tried in its place", "_with_equivalents"
+        "effects that no record tells from a member are tried in its place",
+        "_try_equivalent_effects",
     ),
     "single effects": _search_step(
         "further effects are sought beside the likeliest single ones",
-        "_scan_beside_single_effects",
+        "_scan_at_single_effects",
     ),
     "moved events": Rule(
         "events of the leading set are tried earlier and later",
         Search,
-        "_with_events_moved",
+        "_with_moved_events",
         _second,
         _not_second,
     ),
     "failed fits": Rule(
         "a set that fits worse than a part of it is set aside",
         Search,
-        "_set_aside_failed",
+        "_exclude_failed",
         _nothing,
         lambda before, result, search, new: any(
             one.weight == float("-inf") for one in search.visited.values()
@@ -138,7 +139,7 @@ RULES: Mapping[str, Rule] = {
     "certain part": Rule(
         "what is not certain in the likeliest set is left out if the rest is credible",
         decision,
-        "certain_part",
+        "certain_subset",
         _second,
         _not_second,
     ),

@@ -26,9 +26,10 @@ import numpy as np
 from ident.statistics.intervals import inverse_information
 from ident.tracing.evidence import FAMILY_ODDS, FEWEST_FAMILY_MEMBERS
 from ident.tracing.fitted_model import FittedModel, added_parameters, declared_priors, is_event
+from ident.tracing.linear_sets import likely_starts
 from ident.tracing.names import CLAIM_LEVEL
 from ident.tracing.problem import search_context
-from ident.tracing.scan import SCANNED_PLACES, starts_at
+from ident.tracing.scan import SCANNED_ONSETS
 from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records, without_sensitivities
 from ident.whole_record.layout import FitLayout, FitProblem, FitSettings, lay_out
 from ident.whole_record.linearise import LARGEST_TRAJECTORY_GAP, Linearisation
@@ -425,7 +426,7 @@ def best_rival_fit(
     None where no fit has a finite cost.
     """
     shared_values = base.values.shared
-    places = starts_at(base, rival, search_context(base))
+    places = likely_starts(base, rival, search_context(base))
     tries = [(form, {**shared_values, **start}) for form, (start,) in places[:RIVAL_STARTS]]
     if hint:
         form = places[0][0] if places else rival
@@ -477,7 +478,7 @@ def parameter_cost(effect: Traceable, counts: np.ndarray) -> float:
     ``counts (m,)`` samples (Schwarz). For an event, the number of scanned times adds to it.
     """
     return added_parameters(effect, 1) * float(np.log(counts.sum())) + 2.0 * math.log(
-        SCANNED_PLACES
+        SCANNED_ONSETS
     ) * is_event(effect)
 
 

@@ -1,5 +1,4 @@
-"""Differences between records: the scatter of each derivative, and the factor that it puts on a
-sigma.
+"""Scatter of derivatives between records, and the factor on their sigmas that follows from it.
 
 Mass, trim and speed differ from record to record. The residuals of one record do not show this; the
 differences between records do.
@@ -50,11 +49,11 @@ class RecordScatter:
 def scatter_between_records(
     problem: TraceProblem, fitted: FittedModel, held: HeldOutData
 ) -> RecordScatter:
-    """Return the scatter between records, fitted or held out: each has its own derivatives; the
-    effects of the set are shared.
+    """Return the scatter of the derivatives between records, fitted and held out.
 
-    Empty with one record; its held-out part is not a second record. With process noise each record
-    is fitted by itself, with the noise levels and effects of all.
+    Each record has its own derivatives; the effects of the set are shared. The scatter is empty
+    with one record, whose held-out part is not a second record. With process noise each record is
+    fitted alone, with the noise levels and effects of all.
     """
     others = held.records if held.masks is not None else ()
     records, masks = [*problem.records, *others], [*problem.masks, *(held.masks or ())]
@@ -62,7 +61,7 @@ def scatter_between_records(
     if unpredictable or len({record.name for record in records}) < 2:
         return RecordScatter()
     names = [name for name in fitted.values.shared if name in problem.model.parameters]
-    found = (_one_by_one if has_process_noise(fitted.system) else _together)(
+    found = (_values_by_single_fits if has_process_noise(fitted.system) else _values_by_common_fit)(
         problem, fitted, names, records, masks
     )
     if found is None:
@@ -77,15 +76,15 @@ def scatter_between_records(
     return RecordScatter(spread, dict(zip(names, factors.tolist(), strict=True)))
 
 
-def _together(
+def _values_by_common_fit(
     problem: TraceProblem,
     fitted: FittedModel,
     names: Sequence[str],
     records: Sequence[Record],
     masks: Sequence[np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the values and sigmas ``(n, records)`` of these parameters from one fit of all records
-    in which each record has its own.
+    """Return the values and sigmas ``(n, records)`` of the named parameters from one fit of all
+    records, in which each record has its own values; None if it fails.
     """
     data = FitData(records, masks, problem.model, problem.outputs)
     apart = fit_set(
@@ -107,15 +106,15 @@ def _together(
     return apart.fit.theta[at], np.sqrt(variance[at])
 
 
-def _one_by_one(
+def _values_by_single_fits(
     problem: TraceProblem,
     fitted: FittedModel,
     names: Sequence[str],
     records: Sequence[Record],
     masks: Sequence[np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the values and sigmas ``(n, records)`` of fits of single records, with the noise
-    levels and effects of all; None if fewer than two fits succeed.
+    """Return the values and sigmas ``(n, records)`` of the named parameters from fits of single
+    records, with the noise levels and effects of all; None if fewer than two fits succeed.
     """
     own = [
         name
@@ -150,10 +149,13 @@ def _one_by_one(
 # ---- Parameters of an effect in each record
 
 
-def of_each_record(fitted: FittedModel, effect: Traceable) -> tuple[Mapping[str, Quantity], ...]:
-    """Return an effect's shared parameters as each record alone has them, by local name.
+def parameters_by_record(
+    fitted: FittedModel, effect: Traceable
+) -> tuple[Mapping[str, Quantity], ...]:
+    """Return estimates of the shared parameters of an effect from each record, by local name.
 
-    Each record gets its own value; the derivatives and all other effects stay shared.
+    One Gauss-Newton step gives each record its own values of these parameters; derivatives and all
+    other effects stay shared.
 
     Returns
     -------
@@ -169,7 +171,7 @@ def of_each_record(fitted: FittedModel, effect: Traceable) -> tuple[Mapping[str,
     size, k = len(fit.theta), len(at)
     normal, gradient = np.zeros((size + count * k,) * 2), np.zeros(size + count * k)
     for r, problem in enumerate(layout.problems):
-        own = {position: size + r * k + place for place, position in enumerate(at)}
+        own = {position: size + r * k + number for number, position in enumerate(at)}
         columns = np.array([own.get(int(c), int(c)) for c in np.arange(size)[layout.columns(r)]])
         weight = np.where(problem.valid, 1.0 / fit.variance[:, None], 0.0)
         add_normal_equations(normal, gradient, columns, fit.jacobians[r], fit.residuals[r], weight)
@@ -180,9 +182,9 @@ def of_each_record(fitted: FittedModel, effect: Traceable) -> tuple[Mapping[str,
     first = len(kept) - count * k
     found = []
     for r in range(count):
-        mine = first + r * k + np.arange(k)
-        sigma = np.sqrt(np.maximum(np.diag(covariance)[mine], 1e-300))
-        values = start[mine] + step[mine]
+        positions = first + r * k + np.arange(k)
+        sigma = np.sqrt(np.maximum(np.diag(covariance)[positions], 1e-300))
+        values = start[positions] + step[positions]
         found.append(
             {
                 item.name: Quantity(float(value), float(std), item.unit)
@@ -195,9 +197,10 @@ def of_each_record(fitted: FittedModel, effect: Traceable) -> tuple[Mapping[str,
 def widened_by_scatter(
     sizes: Mapping[str, Quantity], by_record: Sequence[Mapping[str, Quantity]]
 ) -> dict[str, Quantity]:
-    """Return an effect's parameters with sigmas widened by the scatter of their values by record.
+    """Return the parameters of an effect with sigmas widened by their scatter between records.
 
-    The factor is Birge's ratio, the root of chi-squared over its degrees of freedom, at least one.
+    The factor is Birge's ratio, at least one: the square root of chi-squared over its degrees of
+    freedom.
     """
     widened = dict(sizes)
     for name in set(sizes) & set(by_record[0] if by_record else ()):
@@ -219,20 +222,20 @@ def form_spread(problem: TraceProblem, fitted: FittedModel) -> dict[str, float]:
     reduced by the part that the larger sigma of the refined form explains: sqrt(max(0, change^2 -
     (sigma_refined^2 - sigma_base^2))).
     """
-    freer = tuple(
+    refined_forms = tuple(
         effect.finer() if isinstance(effect, Refinable) else effect for effect in fitted.effects
     )
-    if freer == fitted.effects or has_process_noise(fitted.system):
+    if refined_forms == fitted.effects or has_process_noise(fitted.system):
         return {}
-    other = problem.fit(freer, fitted)
-    if other is None or other.fit.cost > fitted.fit.cost:
+    refit = problem.fit(refined_forms, fitted)
+    if refit is None or refit.fit.cost > fitted.fit.cost:
         return {}
-    plain, free = fitted.estimate, other.estimate
+    base, refined = fitted.estimate, refit.estimate
     spread = {}
-    for name in plain.names:
-        if name in problem.model.parameters and name in free.names:
-            chance = max(0.0, free.sigma(name) ** 2 - plain.sigma(name) ** 2)
+    for name in base.names:
+        if name in problem.model.parameters and name in refined.names:
+            chance = max(0.0, refined.sigma(name) ** 2 - base.sigma(name) ** 2)
             spread[name] = float(
-                np.sqrt(max(0.0, (free.value(name) - plain.value(name)) ** 2 - chance))
+                np.sqrt(max(0.0, (refined.value(name) - base.value(name)) ** 2 - chance))
             )
     return {name: value for name, value in spread.items() if np.isfinite(value)}

@@ -1,4 +1,4 @@
-"""One verdict from the posterior probabilities of sets of effects."""
+"""Verdict on a set of records, from the posterior probabilities of sets of effects."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from ident.tracing.fitted_model import FittedModel
 from ident.tracing.names import (
     CLAIM_LEVEL,
     Named,
-    certain_part,
+    alternatives_by_vuong,
+    certain_subset,
     event_names,
-    inclusion_of,
+    inclusion_probabilities,
     is_physical_effect,
-    named_with_rivals,
+    named_from_odds,
+    named_with_alternatives,
     passing_events,
     probabilities,
-    rivals_of,
-    with_shares,
     without_weak_members,
 )
 from ident.tracing.problem import TraceProblem
 from ident.tracing.search import CLEAR_GAIN, FITTED_SINGLES, Search
+from ident.tracing.search_log import fitted_sets
 from ident.tracing.steady_search import (
     CONFUSABLE_SETS_Z,
     is_steady,
@@ -51,7 +52,8 @@ class Decision:
 
     Attributes
     ----------
-    best : the accepted set. reference : the fit without the named effects, same noise.
+    best : the accepted set.
+    reference : the fit without the named effects, under the same noise.
     named : claimed effects of ``best``. hints : effects that may act and are not claimed.
     searches : in the order in which they were run.
     """
@@ -77,16 +79,9 @@ class Decision:
     def sets(self) -> tuple[FittedSet, ...]:
         """Fitted sets of all searches without failed ones, the most probable of each first."""
         return tuple(
-            FittedSet(
-                search.title,
-                tuple(sorted(one.names)),
-                one.fitted.fit.log_likelihood,
-                one.evidence,
-                one.weight - one.evidence,
-            )
+            entry
             for search in self.searches
-            for one in sorted(search.visited.values(), key=lambda one: -one.weight)
-            if one.weight > -math.inf
+            for entry in fitted_sets(search.title, search.visited.values())
         )
 
     @property
@@ -106,10 +101,10 @@ class Decision:
 
 
 def search_white_noise(problem: TraceProblem, discrepancy: Traceable | None = None) -> Search:
-    """Run the search under white noise, without general forms.
+    """Run the search under white noise, without general forms, and return it.
 
-    ``discrepancy`` : term for the errors of the forces; the search ends once it is by far likelier
-    than the effects found.
+    ``discrepancy`` : term for errors of the modelled forces. The search ends once this term is by
+    far likelier than the effects found.
     """
     causes = [each for each in problem.candidates if not each.traits.general]
     return Search(problem, causes, title="white noise", discrepancy=discrepancy).run()
@@ -119,7 +114,7 @@ FitTest = Callable[[FittedModel], bool]
 
 
 def nothing_held_out(fitted: FittedModel) -> bool:
-    """Return True: without held-out data no set fails on them."""
+    """Return True for any fit: the test to use if there are no held-out data."""
     return True
 
 
@@ -138,9 +133,10 @@ def decide(
     ----------
     search : the search without a discrepancy (``search_white_noise``).
     discrepancy : term for the errors of the forces; None leaves it out.
-    leaves_noise : whether the residual of a fitted set is noise, on held-out data as well.
-    predicts_well : whether the residual on held-out data is hardly larger than noise; default
-        ``leaves_noise``.
+    leaves_noise : function that returns whether the residual of a fitted set on held-out data is
+        noise.
+    predicts_well : function that returns whether this residual is hardly larger than noise; the
+        default is ``leaves_noise``.
     """
     best = search.best()
     found = _decide_by_white_noise(search, best, leaves_noise, predicts_well or leaves_noise)
@@ -152,7 +148,7 @@ def decide(
         base = (discrepancy, *best.fitted.background)
         acting = [each for each in problem.candidates if is_steady(each)]
         steady = Search(problem, acting, base, title="a model discrepancy")
-        found = _decide_beside_discrepancy(
+        found = _decide_with_discrepancy(
             search, steady, _exchange_fault_forms(steady, search_spread_evidence(steady))
         )
         forms = {each.name for each in problem.candidates if each.traits.general}
@@ -188,8 +184,9 @@ def _decide_by_white_noise(
 
 
 def _turbulence_acts_throughout(decision: Decision) -> bool:
-    """Return whether the evidence for turbulence that is claimed, if any, is also present in steady
-    flight. Turbulence that follows the maneuvers stands for an error of the forces.
+    """Return whether claimed turbulence, if any, has evidence in steady flight as well.
+
+    Turbulence that follows the maneuvers stands for an error of the modelled forces.
     """
     names = frozenset(decision.best.names)
     search = next(each for each in reversed(decision.searches) if names in each.visited)
@@ -202,8 +199,10 @@ def _turbulence_acts_throughout(decision: Decision) -> bool:
 
 
 def _acts_when_quiet(search: Search, best: WeighedSet, name: str, white: Search) -> bool:
-    """Return whether the evidence for turbulence is also present where the declared model of the
-    search under white noise, ``white``, moves least.
+    """Return whether turbulence has evidence in the half of the record with the least motion.
+
+    ``name`` : of the turbulence. ``white`` : search under white noise; its declared model gives
+    the motion.
     """
     smaller = search.set_without(best, name)
     if smaller is None:
@@ -225,16 +224,16 @@ def _decide_by_prediction(
 
     Parameters
     ----------
-    out : members of the likeliest set that were left out, such as small events.
+    out : names of the members of the likeliest set that were left out, such as small events.
     """
     events = event_names(search.candidates) & {*out}
     leading = sorted(search.visited.items(), key=lambda item: -item[1].weight)[: 2 * FITTED_SINGLES]
-    usual = search.problem.background
+    nuisance = search.problem.background
     failed: list[Key] = []
     for key, one in leading:
         if one.weight < leading[0][1].weight - CLEAR_GAIN:
             break
-        if key & usual - leading[0][0] or not events <= key:
+        if key & nuisance - leading[0][0] or not events <= key:
             continue
         if is_noise(one.fitted.fit) and leaves_noise(one.fitted):
             narrowed = copy(search)
@@ -250,7 +249,7 @@ def _decide_by_prediction(
 
 
 def _decide_with_general_forms(search: Search, leaves_noise: FitTest) -> Decision | None:
-    """Decide with general forms among the candidates; None if their residual is not noise."""
+    """Return the decision with general forms among the candidates; None if no set leaves noise."""
     problem = search.problem
     if len(problem.candidates) == len(search.candidates):
         return None
@@ -267,8 +266,8 @@ def _decide_with_general_forms(search: Search, leaves_noise: FitTest) -> Decisio
 
 
 def _exchange_fault_forms(search: Search, best: WeighedSet) -> WeighedSet:
-    """Return the set with members replaced by another fault of the same sensor where that is
-    clearly likelier (with a discrepancy).
+    """Return the set, each sensor fault with kinematic evidence replaced by another fault of the
+    same sensor if this is clearly likelier.
 
     Kinematic evidence covers few forms of a fault (scale, delay, sensor position) and names the
     nearest of them; thresholds and backlash are not among them.
@@ -299,36 +298,37 @@ def _group_probability(named: Named) -> float:
 def _decide_under_white_noise(
     search: Search, best: WeighedSet, clear: float = CLEAR_GAIN
 ) -> Decision:
-    """Decide under white noise: claim the certain effects if they leave noise, else the best set
-    with the confusable effects of each.
+    """Return the decision under white noise: the certain effects of the best set are claimed.
+
+    ``clear`` : gain of log evidence above which a member is not weak.
     """
     sets = probabilities(search)
-    inclusion = inclusion_of(sets)
-    whole = best = certain_part(search, best, sets)
-    best, slight, out = without_weak_members(search, best, clear)
+    inclusion = inclusion_probabilities(sets)
+    whole = best = certain_subset(search, best, sets)
+    best, weak, out = without_weak_members(search, best, clear)
     if out:
         sets = probabilities(search, out)
-        best = certain_part(search, best, sets)
+        best = certain_subset(search, best, sets)
     named = [
-        named_with_rivals(search, best, effect, sets)
+        named_with_alternatives(search, best, effect, sets)
         for effect in best.fitted.effects
         if is_physical_effect(effect, best, search.context.interval)
     ]
-    if any(name not in out for name in slight):
+    if any(name not in out for name in weak):
         # A phugoid that took the place of a small event is uncertain: it stays in the fit, unnamed.
-        usual = search.problem.background
+        nuisance = search.problem.background
         named = [
             each
             for each in named
-            if each.name not in usual or _group_probability(each) >= CLAIM_LEVEL
+            if each.name not in nuisance or _group_probability(each) >= CLAIM_LEVEL
         ] or named
     # Keep the declared model if it leaves noise and only uncertain nuisance dynamics were found.
     slow_alone = all(each.traits.background for each in best.fitted.effects)
     uncertain = min(map(_group_probability, named), default=1.0) < CLAIM_LEVEL
-    if slow_alone and uncertain and is_noise(search.root.fitted.fit):
+    if slow_alone and uncertain and is_noise(search.base_set.fitted.fit):
         named = [replace(each, within=best.fitted) for each in named]
-        best = search.root
-    if not named or best is search.root:
+        best = search.base_set
+    if not named or best is search.base_set:
         verdict = Verdict.CONSISTENT
     elif search.problem.guards & best.names or min(map(_group_probability, named)) < CLAIM_LEVEL:
         verdict = Verdict.UNEXPLAINED
@@ -342,32 +342,30 @@ def _decide_under_white_noise(
         if each.probability > 1.0 - CLAIM_LEVEL or each.name in search.problem.guards
     ]
     claims, hints = (tuple(named), ()) if claimed else ((), tuple(likely))
-    if not search.problem.guards & set(slight):
+    if not search.problem.guards & set(weak):
         hints += tuple(
-            Named(
-                each.name, inclusion[each.name], {}, reason=slight[each.name], within=whole.fitted
-            )
+            Named(each.name, inclusion[each.name], {}, reason=weak[each.name], within=whole.fitted)
             for each in whole.fitted.effects
-            if each.name in slight and is_physical_effect(each, whole, search.context.interval)
+            if each.name in weak and is_physical_effect(each, whole, search.context.interval)
         )
-    return Decision(verdict, best.fitted, search.root.fitted, claims, hints, (search,))
+    return Decision(verdict, best.fitted, search.base_set.fitted, claims, hints, (search,))
 
 
 def _no_claims(search: Search, best: WeighedSet) -> Decision:
     """Return a decision without claims: the residual of the best set is not noise."""
-    inclusion = inclusion_of(probabilities(search))
+    inclusion = inclusion_probabilities(probabilities(search))
     where = " of data that were not fitted" if is_noise(best.fitted.fit) else ""
     why = f"with all that was found the residual{where} is not noise"
     hints = tuple(Named(name, inclusion[name], {}, reason=why) for name in sorted(best.names))
-    root = search.root.fitted
-    return Decision(Verdict.UNEXPLAINED, best.fitted, root, (), hints, (search,))
+    reference = search.base_set.fitted
+    return Decision(Verdict.UNEXPLAINED, best.fitted, reference, (), hints, (search,))
 
 
-def _decide_beside_discrepancy(white: Search, search: Search, best: WeighedSet) -> Decision:
-    """Decide with a discrepancy in the model: claim the effects whose evidence is spread over the
-    records, with the rivals of each.
+def _decide_with_discrepancy(white: Search, search: Search, best: WeighedSet) -> Decision:
+    """Return the decision with a discrepancy in the model: effects whose evidence is spread over
+    the records are claimed, with their alternatives.
     """
-    guards, root = search.problem.guards, search.root.fitted
+    guards, reference = search.problem.guards, search.base_set.fitted
     searches = (white, search)
     best, spread = _drop_local_evidence(search, best)
     best, spread, rough = _drop_turbulence_of_maneuvers(white, search, best, spread)
@@ -375,33 +373,40 @@ def _decide_beside_discrepancy(white: Search, search: Search, best: WeighedSet) 
     interval = search.context.interval
     effects = {each.name: each for each in best.fitted.effects}
     named = [
-        with_shares(name, 1.0, rivals_of(search, best, name) | passing_events(white, best, name), z)
+        named_from_odds(
+            name,
+            1.0,
+            alternatives_by_vuong(search, best, name) | passing_events(white, best, name),
+            z,
+        )
         for name, z in spread.items()
         if is_physical_effect(effects[name], best, interval)
     ]
     if not named:
-        return Decision(Verdict.UNEXPLAINED, root, root, (), rough, searches)
+        return Decision(Verdict.UNEXPLAINED, reference, reference, (), rough, searches)
     if guards & set(spread):
         hints = tuple(replace(each, reason=CATCH_ALL_REASON) for each in named)
-        return Decision(Verdict.UNEXPLAINED, best.fitted, root, (), hints, searches)
+        return Decision(Verdict.UNEXPLAINED, best.fitted, reference, (), hints, searches)
     verdict = (
         Verdict.PARTIAL if all(each.probability >= 0.5 for each in named) else Verdict.AMBIGUOUS
     )
     hints = (*rough, *_local_hints(search, best))
-    return Decision(verdict, best.fitted, root, tuple(named), hints, searches)
+    return Decision(verdict, best.fitted, reference, tuple(named), hints, searches)
 
 
 def _prefer_kinematic_names(
     search: Search, best: WeighedSet, spread: dict[str, float]
 ) -> tuple[WeighedSet, dict[str, float]]:
-    """Return the set with members replaced by effects that kinematics name, where Vuong's test
-    cannot distinguish the two, and z of its members. Kinematics do not depend on the forces.
+    """Return the set, members replaced by effects with kinematic evidence if Vuong's test cannot
+    distinguish the two, and z of its members.
+
+    Kinematic evidence is preferred because it does not depend on the modelled forces.
     """
     known, names = search.problem.named_by_kinematics, best.names
     for name in sorted(set(spread) - known):
         others = [
             search.visited[best.names - {name} | {other}]
-            for other in rivals_of(search, best, name)
+            for other in alternatives_by_vuong(search, best, name)
             if other in known - best.names and best.names - {name} | {other} in search.visited
         ]
         best = max(others, key=lambda one: one.weight, default=best)
@@ -427,8 +432,8 @@ def _drop_turbulence_of_maneuvers(
 
 
 def _local_hints(search: Search, best: WeighedSet) -> tuple[Named, ...]:
-    """Return the effect, if any, that makes the accepted set most probable but whose evidence is
-    local in time.
+    """Return as a hint the effect that would make the accepted set more probable, but whose
+    evidence is local in time; an empty tuple if there is none.
     """
     larger = [
         one

@@ -1,5 +1,6 @@
-"""Prior knowledge, and log evidence of a fitted set of effects: its unknowns integrated out of the
-likelihood.
+"""Priors, and log evidence of a fitted set of effects.
+
+The evidence is the likelihood with all unknowns of the set integrated out.
 
 The noise of each output has two levels, one below a few hertz and one above (``ColouredNoise``).
 """
@@ -21,7 +22,7 @@ from sim.declaration.proposal import SearchContext, Traceable
 
 # ---- Priors of derivatives, of parameters of effects, and of sets
 
-DERIVATIVE_PRIOR_SHARE = 0.3  # one sigma of a derivative of the vehicle file, as a share of it
+DERIVATIVE_PRIOR_SHARE = 0.3  # prior sigma of a derivative, relative to its declared value
 FAMILY_ODDS = 0.03  # prior odds of one family of effects against its absence
 # least number of members that share a family's odds: a small family is no likelier
 FEWEST_FAMILY_MEMBERS = 5
@@ -34,7 +35,7 @@ WIDE_PRIOR_FACTOR = 3.0
 
 @dataclass(frozen=True)
 class NormalPrior:
-    """A Gaussian prior; ``one_sided`` where the value lies on one side of ``mean`` only."""
+    """A Gaussian prior; ``one_sided`` if values on one side of ``mean`` are impossible."""
 
     mean: float
     sigma: float
@@ -46,8 +47,8 @@ def prior_of(
 ) -> NormalPrior:
     """Return the prior of an effect's parameter that a search has found at ``value``.
 
-    An amplitude lies about the effect's absence, by its declared size. A limit is known to a
-    factor. A time of an event may be anywhere in the record.
+    The prior of an amplitude has its mean at the absence of the effect, and the declared size as
+    sigma. A limit is known to a factor. The time of an event may be anywhere in the record.
     """
     if item.name == effect.traits.onset:
         return NormalPrior(value, context.duration / 3.5)
@@ -131,10 +132,11 @@ class SetPrior:
 
     Attributes
     ----------
-    mean, precision : ``(n,)``; zero precision where it is flat.
-    constant : sum of ln(1/sigma).
-    one_sided : position, side (1 or -1) and bound.
-    ranges : position and ends of plausible values.
+    mean, precision : ``(n,)`` of the Gaussian priors; the precision of a flat prior is zero.
+    constant : sum of ln(1/sigma) over the Gaussian priors.
+    one_sided : for each one-sided prior its position among the unknowns, the allowed side (1 above
+        the bound, -1 below) and the bound.
+    ranges : for each range of plausible values its position and its two ends.
     """
 
     mean: np.ndarray
@@ -185,15 +187,15 @@ ROUNDING_EIGENVALUE_SHARE = 1e-10  # smallest eigenvalue of a scaled precision t
 
 @dataclass(frozen=True, eq=False)
 class WeighedSet:
-    """A fitted set of effects with its evidence.
+    """A fitted set of effects with its evidence and prior odds.
 
     Attributes
     ----------
     fitted : the fit.
-    evidence : ln p(data | set).
-    weight : with the set's prior odds.
-    offset : ``(n,)`` from the fit to the posterior's mode.
-    covariance : ``(n, n)`` of the posterior.
+    evidence : log evidence, ln p(data | set).
+    weight : log evidence plus log prior odds; minus infinity excludes the set.
+    offset : ``(n,)`` difference of the mode of the posterior from the fit.
+    covariance : ``(n, n)`` covariance of the unknowns in the posterior.
     """
 
     fitted: FittedModel
@@ -204,7 +206,7 @@ class WeighedSet:
 
     @property
     def names(self) -> Key:
-        """Names of its effects."""
+        """Names of the effects of the set."""
         return frozenset(self.fitted.names)
 
 
@@ -216,7 +218,7 @@ def evidence_of(
     Parameters
     ----------
     fitted : a set of effects, fitted by maximum likelihood.
-    context : what the priors of some effects depend on.
+    context : search context, on which the priors of some effects depend.
 
     Returns
     -------
@@ -230,24 +232,24 @@ def evidence_of(
     """
     fit = fitted.fit
     prior = set_prior(fitted, context)
-    normal, gradient, likelihood = _of_data(fitted)
+    normal, gradient, likelihood = _information_of_data(fitted)
     precision = normal + np.diag(prior.precision)
-    right = gradient + prior.precision * prior.mean
-    # An unknown without data (bias of a missing channel) adds the same to every set.
+    right_side = gradient + prior.precision * prior.mean
+    # An unknown without data and prior (bias of a missing channel) adds the same to every set.
     known = np.diag(precision) > 0.0
     scale = 1.0 / np.sqrt(np.where(known, np.diag(precision), 1.0))
-    inside = precision * np.outer(scale, scale)
-    values, vectors = np.linalg.eigh(0.5 * (inside + inside.T))
+    scaled = precision * np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
     values = np.maximum(values, ROUNDING_EIGENVALUE_SHARE)
     inverse = (vectors / values) @ vectors.T
-    offset = scale * (inverse @ (scale * right))
+    offset = scale * (inverse @ (scale * right_side))
     covariance = inverse * np.outer(scale, scale)
     logdet = float(np.sum(np.log(values))) - 2.0 * float(np.sum(np.log(scale)))
-    away = offset - prior.mean
+    deviation = offset - prior.mean
     total = likelihood + float(gradient @ offset - 0.5 * offset @ normal @ offset)
-    total += prior.constant - 0.5 * float(away @ (prior.precision * away)) - 0.5 * logdet
+    total += prior.constant - 0.5 * float(deviation @ (prior.precision * deviation)) - 0.5 * logdet
     flat = len(fit.theta) - int(np.count_nonzero(prior.precision))
-    total += 0.5 * flat * math.log(2.0 * math.pi) + _of_noise_levels(fitted)
+    total += 0.5 * flat * math.log(2.0 * math.pi) + _noise_level_term(fitted)
     for place, low, high in prior.ranges:
         sigma = math.sqrt(max(covariance[place, place], 1e-300))
         total += log_mass(float(offset[place]), sigma, low, high)
@@ -257,7 +259,7 @@ def evidence_of(
     return float(total), offset, covariance
 
 
-def _of_data(fitted: FittedModel) -> tuple[np.ndarray, np.ndarray, float]:
+def _information_of_data(fitted: FittedModel) -> tuple[np.ndarray, np.ndarray, float]:
     """Return the information ``(n, n)``, gradient ``(n,)`` and log likelihood of the data alone.
 
     Priors used in the fit are removed: the evidence adds them once.
@@ -268,14 +270,14 @@ def _of_data(fitted: FittedModel) -> tuple[np.ndarray, np.ndarray, float]:
     likelihood = noise.log_likelihood
     known = fit.layout.prior
     if known is not None:
-        away = fit.theta[known.positions] - known.mean
-        likelihood += 0.5 * float(away @ known.information @ away)
+        deviation = fit.theta[known.positions] - known.mean
+        likelihood += 0.5 * float(deviation @ known.information @ deviation)
         normal[np.ix_(known.positions, known.positions)] -= known.information
-        gradient[known.positions] += known.information @ away
+        gradient[known.positions] += known.information @ deviation
     return normal, gradient, likelihood
 
 
-def _of_noise_levels(fitted: FittedModel) -> float:
+def _noise_level_term(fitted: FittedModel) -> float:
     """Return the contribution of the noise levels to the log evidence, with a flat prior on each
     logarithm.
 

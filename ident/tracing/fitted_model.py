@@ -30,10 +30,13 @@ from sim.record import Record
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """Values of unknowns by name, to start the fit of another model.
+    """Values of the unknowns of a fit by name, to start the fit of another model.
 
-    ``shared`` by parameter; ``own`` by parameter and ``STATE(0)``, one mapping a record; ``states``
-    trajectories at the nodes by state, one mapping a record.
+    Attributes
+    ----------
+    shared : values of the parameters that all records share.
+    own : for each record, values of its own parameters and of its initial states ``STATE(0)``.
+    states : for each record, trajectories of the states at the nodes, ``(K + 1,)``.
     """
 
     shared: Mapping[str, float]
@@ -41,17 +44,19 @@ class Values:
     states: tuple[Mapping[str, np.ndarray], ...]
 
     def with_added(self, added: Sequence[Mapping[str, float]]) -> Values:
-        """Return the same with values of further parameters, one mapping a record."""
+        """Return these values with those of further parameters, one mapping a record."""
         shared = {name: value for one in added for name, value in one.items()}
         own = tuple({**mine, **one} for mine, one in zip(self.own, added, strict=True))
         return Values({**shared, **self.shared}, own, self.states)
 
     def with_shared(self, shared: Mapping[str, float]) -> Values:
-        """Return the same with other values of shared parameters."""
+        """Return these values with other ones of shared parameters."""
         return Values({**self.shared, **shared}, self.own, self.states)
 
     def with_shifted(self, name: str, record: int, shift: float) -> Values:
-        """Return the same with one value larger by ``shift``: the shared one, or a record's own."""
+        """Return these values, one of them increased by ``shift``: a shared value, or the value of
+        one record.
+        """
         if name in self.shared:
             return self.with_shared({name: self.shared[name] + shift})
         own = list(self.own)
@@ -76,8 +81,13 @@ class FitData:
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Start of a fit: values of another fit, values of the parameters missing there, noise levels
-    for process noise.
+    """Start of a fit.
+
+    Attributes
+    ----------
+    values : values of another fit; None starts from the declared values.
+    added : values of parameters, which replace those of ``values``.
+    levels : noise levels, for a fit with process noise.
     """
 
     values: Values | None = None
@@ -87,7 +97,13 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class FittedModel:
-    """A fitted set of effects; ``declared`` is the model without them, ``model`` with them."""
+    """A fitted set of effects.
+
+    Attributes
+    ----------
+    effects : the set. declared : the model without them. model : the model with them.
+    system : the compiled ``model``. fit : its fit to all records.
+    """
 
     effects: tuple[Traceable, ...]
     declared: Model
@@ -97,16 +113,17 @@ class FittedModel:
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Names of the effects of the set."""
         return tuple(effect.name for effect in self.effects)
 
     @property
     def guards(self) -> tuple[str, ...]:
-        """Names of its catch-all terms, which compete and are never claimed."""
+        """Names of the catch-all terms of the set, which compete and are never claimed."""
         return tuple(effect.name for effect in self.effects if effect.traits.guard)
 
     @property
     def background(self) -> tuple[Traceable, ...]:
-        """Its nuisance dynamics: motion that any record may have."""
+        """Nuisance dynamics of the set: motion that any record may have."""
         return tuple(effect for effect in self.effects if effect.traits.background)
 
     @cached_property
@@ -177,9 +194,10 @@ def is_event(effect: Traceable) -> bool:
     return bool(effect.traits.onset)
 
 
-def together(one: Traceable, other: Traceable) -> bool:
-    """Return whether two effects may be in one set: not two names of one fault, nor laws of which a
-    record shows at most one.
+def compatible(one: Traceable, other: Traceable) -> bool:
+    """Return whether two effects may be in one set.
+
+    Two names of one fault may not, nor two laws of which a record shows at most one.
     """
     return one.name != other.name and not any(
         name in (*each.traits.twins, *each.traits.never_beside)
@@ -188,14 +206,14 @@ def together(one: Traceable, other: Traceable) -> bool:
 
 
 def free_names(effect: Effect) -> list[str]:
-    """Full names of an effect's free parameters."""
+    """Return the full names of the free parameters of an effect."""
     return [full_name(effect, item.name) for item in effect.parameters if item.free]
 
 
 def compiled_with(
     model: Model, effects: Sequence[Traceable], outputs: Sequence[str]
 ) -> tuple[Model, System]:
-    """Return the model with effects, and its System."""
+    """Return the model with the effects, and its compiled system."""
     full = model.with_effects(*effects)
     return full, compile_model(full, outputs)
 
@@ -208,10 +226,10 @@ def fit_set(
     *,
     apart: Collection[str] = (),
 ) -> FittedModel | None:
-    """Fit a set of effects; each record has its own parameters in ``apart``, even of shared
-    effects.
+    """Return the fit of a set of effects; None if it found no finite cost.
 
-    None where the fit found no finite cost.
+    ``apart`` : names of parameters of which each record has its own value, even if their effect is
+    shared.
     """
     start = start or Start()
     full, system = compiled_with(data.model, effects, data.outputs)
@@ -259,7 +277,7 @@ def start_from(fitted: FittedModel | None, added: Mapping[str, float] | None = N
 
 
 def levels_of(fitted: FittedModel) -> Mapping[str, float] | None:
-    """Noise levels of a fitted model with process noise; None where there is none."""
+    """Return the noise levels of a fitted model with process noise; None without process noise."""
     return noise_levels(fitted.fit) if fitted.fit.noise_model.names else None
 
 
@@ -340,8 +358,9 @@ ABSENCE_SIGMAS = 4.0
 
 
 def quantities(fitted: FittedModel, effect: Traceable) -> dict[str, Quantity]:
-    """Return an effect's free parameters in a fitted model, by local name; where each record has
-    its own, those of the record with the most significant ones.
+    """Return the free parameters of an effect in a fitted model, by local name.
+
+    If each record has its own, they are from the record in which they differ most from absence.
     """
     return max(
         _quantities_by_record(fitted, effect), key=lambda found: sigmas_from_absence(effect, found)
@@ -374,13 +393,13 @@ def quantities_with(
     """Return an effect's parameters in each record of a fitted model, with sigmas from a covariance
     ``(n, n)`` of all unknowns.
     """
-    places = {name: i for i, name in enumerate(fitted.fit.layout.names)}
+    positions = {name: i for i, name in enumerate(fitted.fit.layout.names)}
     out: list[dict[str, Quantity]] = []
     for r in range(len(fitted.fit.layout.problems)):
         found = {}
         for item in effect.parameters:
             full = full_name(effect, item.name)
-            at = places.get(full, places.get(f"{full}, record {r + 1}"))
+            at = positions.get(full, positions.get(f"{full}, record {r + 1}"))
             if at is not None:
                 found[item.name] = Quantity(
                     float(fitted.fit.theta[at]),

@@ -1,4 +1,4 @@
-"""Held-out data: predictions of a fitted model, and whether the residual is noise.
+"""Fits of a fitted model to held-out data: its predictions, and whether the residual is noise.
 
 A held-out record is fitted twice. The frozen fit estimates initial states, biases and
 record-specific parameters only, and gives the reported errors. The informed fit also estimates the
@@ -29,8 +29,9 @@ from ident.tracing.fitted_model import (
     local_names,
     start_and_guesses,
 )
+from ident.tracing.linear_sets import likely_starts
 from ident.tracing.problem import search_context
-from ident.tracing.scan import KEPT_PLACES, starts_at
+from ident.tracing.scan import KEPT_LEADS
 from ident.tracing.whiteness import whiteness
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitProblem, Prior, lay_out
@@ -43,7 +44,9 @@ COLOURED_P_VALUE = 1e-3  # p-value of a residual test below which a residual is 
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """A fitted model on held-out records: the frozen fit and the informed fit."""
+    """Frozen and informed fit of a fitted model to held-out records; None if a fit failed or was
+    not made.
+    """
 
     frozen: Fit | None
     informed: Fit | None
@@ -51,7 +54,7 @@ class HeldOut:
 
 @dataclass(frozen=True, eq=False)
 class HeldOutData:
-    """Records that are not fitted, with spikes of their inputs mended; empty where there are none.
+    """Held-out records, with spikes of their inputs mended; empty if there are none.
 
     Attributes
     ----------
@@ -66,7 +69,7 @@ class HeldOutData:
 
 
 def predicted_by(fitted: FittedModel, held: HeldOutData) -> HeldOut:
-    """Return ``fit_held_out`` on all of these records; no fits where there are none."""
+    """Return the fits of a fitted model to all held-out records (``fit_held_out``)."""
     return fit_held_out(fitted, held.records, held.masks) if held.records else HeldOut(None, None)
 
 
@@ -111,8 +114,8 @@ def fit_held_out(
             informed_fit = _best(informed_fit, relinearised_fit)
     if informed_fit is not None and local:
         # An event found by the informed fit may have been missed by the frozen one.
-        again = _fitter(fitted, records, masks).fit(fitted.effects, informed_fit.values)
-        frozen = _best(frozen, again)
+        refit = _fitter(fitted, records, masks).fit(fitted.effects, informed_fit.values)
+        frozen = _best(frozen, refit)
     return HeldOut(
         None if frozen is None else frozen.fit, None if informed_fit is None else informed_fit.fit
     )
@@ -152,6 +155,7 @@ def _fitter(
     masks: Sequence[np.ndarray] | None,
     prior: Prior | None = None,
 ) -> _HeldOutFitter:
+    """Return the fitter of a fitted model; with a prior, its shared parameters are free."""
     return _HeldOutFitter(
         fitted.trained,
         fitted.declared,
@@ -183,7 +187,7 @@ class _HeldOutFitter:
         values: Values | None = None,
         added: Mapping[str, float] | None = None,
     ) -> FittedModel | None:
-        """Fit the model's effects, or some of them, to these records.
+        """Return a fit of the effects of the model, or of some of them, to these records.
 
         ``values`` are the start, by default the values of training; ``added``, by parameter,
         replaces single values of the start in every record.
@@ -192,12 +196,12 @@ class _HeldOutFitter:
         settings = replace(trained.settings, iterations=40, tolerance=1e-3)
         full, system = compiled_with(self.declared, effects, trained.outputs)
         known = {name: value for name, value in trained.shared.items() if name in system.parameters}
-        parameters = system.parameters.with_values({**known, **self._usual_biases()})
+        parameters = system.parameters.with_values({**known, **self._mean_biases()})
         system = replace(system, parameters=parameters.hold(known) if prior is None else parameters)
         local = [name for effect in effects for name in local_names(effect)]
         layout = lay_out(self.records, system, settings, local=local, masks=self.masks)
-        begin, guesses = start_and_guesses(layout, values, added or {})
-        layout = lay_out(self.records, system, settings, local=local, masks=self.masks, start=begin)
+        first, guesses = start_and_guesses(layout, values, added or {})
+        layout = lay_out(self.records, system, settings, local=local, masks=self.masks, start=first)
         if prior is not None:
             layout = replace(layout, prior=prior)
         # The frozen fit has no filter; the informed fit uses the process noise of training.
@@ -210,7 +214,7 @@ class _HeldOutFitter:
             None if fit is None else FittedModel(tuple(effects), self.declared, full, system, fit)
         )
 
-    def _usual_biases(self) -> dict[str, float]:
+    def _mean_biases(self) -> dict[str, float]:
         """Return the mean biases of the fitted records. Fits start there: with slow motion, trim is
         in the biases, and the default start is too far away.
         """
@@ -222,10 +226,10 @@ class _HeldOutFitter:
         }
 
     def fit_event_by_event(self) -> FittedModel | None:
-        """Fit without record-specific effects, then add them one after the other, each from starts
-        that the records suggest.
+        """Return a fit to which record-specific effects were added one after the other, each from
+        starts of a scan; None if a fit failed.
 
-        Background effects are included from the start; without them other parameters would be
+        Nuisance dynamics are included from the start; without them other parameters would be
         biased.
         """
         effects = self.trained.effects
@@ -250,39 +254,41 @@ class _HeldOutFitter:
         for effect in event_effects:
             if best is None:
                 return None
-            best = self._with(best, present, effect, self.trained.own[0])
+            best = self._with_event(best, present, effect, self.trained.own[0])
             present = [*present, effect]
         if best is None or len(event_effects) < 2:
             return best
-        return self._each_placed_again(best, event_effects)
+        return self._refit_each_event(best, event_effects)
 
-    def _each_placed_again(
+    def _refit_each_event(
         self, best: FittedModel, event_effects: Sequence[Traceable]
     ) -> FittedModel:
-        """Fit each record-specific effect again together with all others: the first ones were
-        placed before the others were known.
+        """Return a better fit with each record-specific effect fitted again, together with all
+        others: the first onsets were found before the other effects were in the model.
         """
         for effect in event_effects:
             rest = [other for other in best.effects if other is not effect]
             base = self.fit(rest, best.values)
             if base is None:
                 continue
-            again = self._with(base, rest, effect)
+            refit = self._with_event(base, rest, effect)
             # a smaller gain is the same optimum
-            best = again if again is not None and again.fit.cost < best.fit.cost - 0.5 else best
+            best = refit if refit is not None and refit.fit.cost < best.fit.cost - 0.5 else best
         return best
 
-    def _with(
+    def _with_event(
         self,
         base: FittedModel,
         rest: Sequence[Traceable],
         effect: Traceable,
         *further: Mapping[str, float],
     ) -> FittedModel | None:
-        """Add an effect of one record to a fit of ``rest``, from the starts that the records
-        suggest and from ``further`` starts, and return the best fit.
+        """Return the best fit of ``rest`` and one more effect, from the starts of a scan at the fit
+        ``base`` of ``rest`` and from ``further`` starts.
         """
-        starts = [start for _, start in starts_at(base, effect, search_context(base))[:KEPT_PLACES]]
+        starts = [
+            start for _, start in likely_starts(base, effect, search_context(base))[:KEPT_LEADS]
+        ]
         fits = [self.fit([*rest, effect], base.values.with_added(start)) for start in starts]
         fits += [self.fit([*rest, effect], base.values, start) for start in further]
         return _best(*fits)

@@ -1,4 +1,6 @@
-"""The tracing loop: fit, search for what is missing, decide, report on held-out data."""
+"""Tracing loop: fit the declared model, search for missing effects, decide, report on held-out
+data.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.residuals import WHITENESS_P_VALUE
 from ident.tracing.between_records import (
     RecordScatter,
-    of_each_record,
+    parameters_by_record,
     scatter_between_records,
     widened_by_scatter,
 )
@@ -79,20 +81,20 @@ class Declared:
 
     Attributes
     ----------
-    problem : with inputs mended and provisional spikes masked.
-    root : the fit.
+    problem : the problem with inputs mended and provisional spikes masked.
+    fitted : the fit.
     spikes : claims of wrong samples in recorded inputs.
-    steps : the steps taken.
+    steps : log of what was mended.
     """
 
     problem: TraceProblem
-    root: FittedModel
+    fitted: FittedModel
     spikes: tuple[Claim, ...]
     steps: tuple[Step, ...] = ()
 
 
 def fit_declared(problem: TraceProblem) -> Declared:
-    """Fit the declared model, mend recorded inputs and mask provisional spikes.
+    """Return the declared model fitted, recorded inputs mended and provisional spikes masked.
 
     Raises
     ------
@@ -104,30 +106,30 @@ def fit_declared(problem: TraceProblem) -> Declared:
         angles = [name for name in measured if record[name].unit in ("rad", "rad/s")]
         refuse_beyond_measure(record, angles, LARGEST_MEASURED)
     problem.progress("fitting the declared model", 0.0)
-    root = problem.fit((), None)
-    if root is None:
+    declared_fit = problem.fit((), None)
+    if declared_fit is None:
         raise ModelError(
             "the declared model has no finite cost on these records",
             where=problem.records[0].name,
             remedy="check units and starting values",
         )
     values = {item.name: item.value for item in problem.model.parameters if item.free}
-    why, remedy = failed_fit(root.fit, values)
+    why, remedy = failed_fit(declared_fit.fit, values)
     if why:  # a second attempt from where the first one ended
-        root = problem.fit((), root) or root
-        why, remedy = failed_fit(root.fit, values)
+        declared_fit = problem.fit((), declared_fit) or declared_fit
+        why, remedy = failed_fit(declared_fit.fit, values)
     if why:
         names = ", ".join(dict.fromkeys(record.name for record in problem.records))
         what = f"the fit of the declared model has failed: {why}"
         raise ModelError(what, where=names, remedy=remedy)
-    problem, root, spikes, steps = cleaned_inputs(problem, root)
-    least = {name: LEAST_NOISE * std for name, std in measured_noise(root).items()}
+    problem, declared_fit, spikes, steps = cleaned_inputs(problem, declared_fit)
+    least = {name: LEAST_NOISE * std for name, std in measured_noise(declared_fit).items()}
     problem = replace(problem, least_noise=least)
-    masked = problem.with_masks(spike_masks(problem, root))
-    again = masked.fit((), root)
-    if again is None:
-        return Declared(problem, root, tuple(spikes), tuple(steps))
-    return Declared(masked, again, tuple(spikes), tuple(steps))
+    masked = problem.with_masks(spike_masks(problem, declared_fit))
+    refit = masked.fit((), declared_fit)
+    if refit is None:
+        return Declared(problem, declared_fit, tuple(spikes), tuple(steps))
+    return Declared(masked, refit, tuple(spikes), tuple(steps))
 
 
 def measured_noise(fitted: FittedModel) -> dict[str, float]:
@@ -154,9 +156,11 @@ def held_out_data(declared: Declared, validation: Sequence[Record]) -> HeldOutDa
         return HeldOutData()
     problem = declared.problem
     records = [mended_inputs(problem, record, declared.spikes) for record in validation]
-    first = fit_held_out(declared.root, records, None, informed=False)
+    first = fit_held_out(declared.fitted, records, None, informed=False)
     masks = held_out_masks(first, records, problem.outputs)
-    return HeldOutData(records, masks, fit_held_out(declared.root, records, masks, informed=False))
+    return HeldOutData(
+        records, masks, fit_held_out(declared.fitted, records, masks, informed=False)
+    )
 
 
 # ---- The tracing loop
@@ -183,7 +187,7 @@ def diagnose(
     kinematics: Callable[[], Sequence[tuple[str, ...]]] | None = None,
     reread: Callable[[], Data] | None = None,
 ) -> Diagnosis:
-    """Trace what a model lacks.
+    """Return the diagnosis of records: the effects that a declared model lacks.
 
     Parameters
     ----------
@@ -213,22 +217,22 @@ def diagnose(
     problem, declared, search = _searched(problem, discrepancy, reread)
     records, validation = problem.records, problem.predicted
     held = held_out_data(declared, validation)
-    problem, root = declared.problem, declared.root
+    problem, declared_fit = declared.problem, declared.fitted
     masks, spikes = spike_claims(problem, search.best().fitted)
     if any(not np.array_equal(a, b) for a, b in zip(masks, problem.masks, strict=True)):
         problem = problem.with_masks(masks)
-        root = problem.fit((), root) or root
+        declared_fit = problem.fit((), declared_fit) or declared_fit
         search = search.rerun_in(problem, "wrong samples left out")
     groups = kinematics() if kinematics is not None and search.best().names else ()
     if groups:
         search = search.with_kinematics(groups)
     decision, out, gain = _decide_and_predict(search, discrepancy, held)
     problem = search.problem
-    judgement = _with_judgement(problem, decision, out, gain, held, (*declared.spikes, *spikes))
-    before, after = _scatter(problem, root, judgement, held)
+    judgement = _judgement(problem, decision, out, gain, held, (*declared.spikes, *spikes))
+    before, after = _scatter(problem, declared_fit, judgement, held)
     diagnosis = reported(
         problem,
-        Before(root, residual_tests(root, HeldOut(None, None)).all, before),
+        Before(declared_fit, residual_tests(declared_fit, HeldOut(None, None)).all, before),
         After(judgement, _for_simulation(problem, judgement, held), after, decision.fits),
         held,
         validation,
@@ -246,8 +250,10 @@ def diagnose(
 def _searched(
     problem: TraceProblem, discrepancy: Traceable | None, reread: Callable[[], Data] | None
 ) -> tuple[TraceProblem, Declared, Search]:
-    """Return the declared model and the search under white noise, with the likelier interpolation
-    of inputs if a delay or lag was found; and the problem with the records as read.
+    """Return the problem with the records as read, its declared model as fitted, and the search
+    under white noise.
+
+    If a delay or lag was found, the likelier interpolation of the inputs is used (``reread``).
     """
     declared = fit_declared(problem)
     search = search_white_noise(declared.problem, discrepancy)
@@ -257,33 +263,35 @@ def _searched(
     records, predicted = reread()
     masks = measured_masks(records, problem.outputs)
     other = replace(problem, records=records, masks=masks, predicted=predicted)
-    again = fit_declared(other)
-    rival = search.refitted(again.problem, "inputs between samples read the other way")
-    if rival.best().weight <= search.best().weight:
+    refit = fit_declared(other)
+    reread_search = search.refitted(refit.problem, "inputs between samples read the other way")
+    if reread_search.best().weight <= search.best().weight:
         return problem, declared, search
     # The interpolation hardly changes a scan: sets scanned before are not scanned again.
-    rival.expanded |= search.expanded
-    return other, again, rival.run()
+    reread_search.expanded |= search.expanded
+    return other, refit, reread_search.run()
 
 
 def _scatter(
-    problem: TraceProblem, root: FittedModel, judgement: Judgement, held: HeldOutData
+    problem: TraceProblem, declared_fit: FittedModel, judgement: Judgement, held: HeldOutData
 ) -> tuple[RecordScatter, RecordScatter]:
-    """Return the scatter between records, before and after, if the residual is not noise."""
+    """Return the scatter of the derivatives between records: of the declared model, and of the
+    accepted set. Both are empty if the residual is noise.
+    """
     if judgement.verdict not in (Verdict.UNEXPLAINED, Verdict.PARTIAL):
         return RecordScatter(), RecordScatter()
     after = scatter_between_records(problem, judgement.best, held)
-    same = judgement.best.names == root.names
-    return (after if same else scatter_between_records(problem, root, held)), after
+    same = judgement.best.names == declared_fit.names
+    return (after if same else scatter_between_records(problem, declared_fit, held)), after
 
 
 def _for_simulation(
     problem: TraceProblem, judgement: Judgement, held: HeldOutData
 ) -> ForSimulation:
-    """Return the model with the effects found, without random loads that are not claimed, fitted
-    again without these.
+    """Return the model with the effects found, fitted again without random loads that are not
+    claimed.
 
-    Derivatives that a filter finds beside random loads do not minimise the errors of a simulation,
+    Derivatives estimated together with random loads do not minimise the errors of a simulation, as
     those of the declared model do: errors before and after would not be comparable.
     """
     best = judgement.best
@@ -293,14 +301,16 @@ def _for_simulation(
         for effect in best.effects
         if effect.name in claimed or not isinstance(effect, NoiseEffect)
     )
-    usual = ForSimulation(replace(best.trained, effects=kept), best.fit, judgement.out.frozen)
+    unchanged = ForSimulation(replace(best.trained, effects=kept), best.fit, judgement.out.frozen)
     if len(kept) == len(best.effects) or judgement.verdict is Verdict.UNEXPLAINED:
-        return usual
+        return unchanged
     refitted = problem.fit(kept, best)
     if refitted is None or not held.records:
-        return usual if refitted is None else ForSimulation(refitted.trained, refitted.fit, None)
+        return (
+            unchanged if refitted is None else ForSimulation(refitted.trained, refitted.fit, None)
+        )
     frozen = fit_held_out(refitted, held.records, held.masks, informed=False).frozen
-    return usual if frozen is None else ForSimulation(refitted.trained, refitted.fit, frozen)
+    return unchanged if frozen is None else ForSimulation(refitted.trained, refitted.fit, frozen)
 
 
 @dataclass(eq=False)
@@ -310,30 +320,31 @@ class _HeldOutCheck:
     Attributes
     ----------
     problem : the problem of the fits. held : the held-out data.
+    stored : converged fit and predictions of each set, by the names of effects and parameters.
     """
 
     problem: TraceProblem
     held: HeldOutData
-    known: dict[frozenset[str], tuple[FittedModel, HeldOut]] = field(default_factory=dict)
+    stored: dict[frozenset[str], tuple[FittedModel, HeldOut]] = field(default_factory=dict)
 
-    def ended(self, fitted: FittedModel) -> tuple[FittedModel, HeldOut]:
-        """Return the converged fit of a set, and its predictions."""
+    def converged(self, fitted: FittedModel) -> tuple[FittedModel, HeldOut]:
+        """Return the converged fit of a set, and its fits to the held-out data."""
         key = frozenset((*fitted.names, *fitted.system.parameters.names))
-        if key not in self.known:
+        if key not in self.stored:
             best = self.problem.fit(fitted.effects, fitted) or fitted
-            self.known[key] = best, predicted_by(best, self.held)
-        return self.known[key]
+            self.stored[key] = best, predicted_by(best, self.held)
+        return self.stored[key]
 
     def leaves_noise(self, fitted: FittedModel) -> bool:
         """Return whether the residual of a set is noise, on fitted and held-out data."""
         self.problem.progress("judging on data that were not fitted", 0.9)
-        return not not_noise(residual_tests(*self.ended(fitted)).all, WHITENESS_P_VALUE)
+        return not not_noise(residual_tests(*self.converged(fitted)).all, WHITENESS_P_VALUE)
 
     def predicts_well(self, fitted: FittedModel) -> bool:
         """Return whether the residual on held-out data is hardly larger than the noise of
         the fit.
         """
-        best, out = self.ended(fitted)
+        best, out = self.converged(fitted)
         if out.informed is None:
             return not self.held.records
         levels, found = noise_levels(best.fit), noise_levels(out.informed)
@@ -349,16 +360,16 @@ def _decide_and_predict(
     Held-out data may contradict all claims. If the set without them leaves noise, nothing is
     missing.
     """
-    against = _HeldOutCheck(search.problem, held)
-    decision = decide(search, discrepancy, against.leaves_noise, against.predicts_well)
-    best, out = against.ended(decision.best)
+    check = _HeldOutCheck(search.problem, held)
+    decision = decide(search, discrepancy, check.leaves_noise, check.predicts_well)
+    best, out = check.converged(decision.best)
     decision, gain = replace(decision, best=best), PredictiveGain()
     if decision.named:
         gain = predictive_gains(decision.reference, best, held, out)
-    if gain.contradicts and against.leaves_noise(decision.reference):
+    if gain.contradicts and check.leaves_noise(decision.reference):
         why = _reason_of_no_improvement(_no_improvement(gain))
         hints = [replace(each, reason=why, within=best) for each in decision.named]
-        smaller, out = against.ended(decision.reference)
+        smaller, out = check.converged(decision.reference)
         decision = replace(
             decision,
             verdict=Verdict.CONSISTENT,
@@ -370,7 +381,7 @@ def _decide_and_predict(
     return decision, out, gain
 
 
-def _with_judgement(
+def _judgement(
     problem: TraceProblem,
     decision: Decision,
     out: HeldOut,
@@ -378,10 +389,10 @@ def _with_judgement(
     held: HeldOutData,
     spikes: Sequence[Claim],
 ) -> Judgement:
-    """Return the decision with its residual tests, claims and cautions."""
+    """Return the judgement of a decision: its verdict with residual tests, claims and cautions."""
     best = decision.best
     tests = residual_tests(best, out)
-    left = not_noise(tests.all, WHITENESS_P_VALUE)
+    failed_tests = not_noise(tests.all, WHITENESS_P_VALUE)
     verdict = decision.verdict
     guards = problem.guards
     claims = [_claim(best, each, gain.values, guards, claimed=True) for each in decision.named]
@@ -389,17 +400,17 @@ def _with_judgement(
         _claim(each.within or best, each, (), guards, claimed=False) for each in decision.hints
     ]
     claims = [claim for claim in claims if claim.name not in problem.guards]
-    cautions = _of_guards(problem, decision)
-    if decision.named and left:
+    cautions = _catch_all_cautions(problem, decision)
+    if decision.named and failed_tests:
         verdict = Verdict.PARTIAL
-    cautions += left
+    cautions += failed_tests
     cautions += _burst_cautions(best, out, tests)
     if gain.contradicts:
         verdict = Verdict.UNEXPLAINED
-        worse = _no_improvement(gain)
-        why = (_reason_of_no_improvement(worse),)
+        no_improvement = _no_improvement(gain)
+        why = (_reason_of_no_improvement(no_improvement),)
         claims = [replace(claim, claimed=False, reasons=why, probability={}) for claim in claims]
-        cautions.append(worse)
+        cautions.append(no_improvement)
     elif decision.named and not has_process_noise(best.system) and frozen_gain(held, out) <= 0.0:
         cautions.append(Caution(Concern.NO_IMPROVEMENT, FROZEN_WORSE))
     if verdict is Verdict.CONSISTENT and spikes:
@@ -407,7 +418,8 @@ def _with_judgement(
     return Judgement(verdict, best, out, (*spikes, *claims), tests, tuple(cautions))
 
 
-def _of_guards(problem: TraceProblem, decision: Decision) -> list[Caution]:
+def _catch_all_cautions(problem: TraceProblem, decision: Decision) -> list[Caution]:
+    """Return a caution if catch-all terms are among the hints: the cause is not in the library."""
     guards = sorted(problem.guards & {each.name for each in decision.hints})
     if not guards:
         return []
@@ -417,8 +429,8 @@ def _of_guards(problem: TraceProblem, decision: Decision) -> list[Caution]:
     if equal:
         what += f" ({' and '.join(equal)} fit these data equally well)"
     most = max(each.probability for each in decision.hints if each.name in guards)
-    asked = f"the probability of {' and '.join(guards)}, outside the library,"
-    requirement = Requirement(asked, most, 1.0 - CLAIM_LEVEL, at_least=False)
+    quantity = f"the probability of {' and '.join(guards)}, outside the library,"
+    requirement = Requirement(quantity, most, 1.0 - CLAIM_LEVEL, at_least=False)
     return [Caution(Concern.GUARD, what, requirement=requirement)]
 
 
@@ -439,16 +451,18 @@ def _burst_cautions(best: FittedModel, out: HeldOut, tests: ResidualTests) -> li
 
 
 def _no_improvement(gain: PredictiveGain) -> Caution:
-    asked = "the rise of the log likelihood of data that were not fitted"
+    """Return the caution that held-out data contradict the effects."""
+    quantity = "the rise of the log likelihood of data that were not fitted"
     total = gain.total
     requirement = (
-        Requirement(asked, total, gain.least, at_least=True) if np.isfinite(total) else None
+        Requirement(quantity, total, gain.least, at_least=True) if np.isfinite(total) else None
     )
     what = "the effects found do not lower the error on data that were not fitted"
     return Caution(Concern.NO_IMPROVEMENT, what, requirement=requirement)
 
 
 def _reason_of_no_improvement(caution: Caution) -> str:
+    """Return the sentence of the caution, with its number if it has one."""
     return caution.requirement.sentence if caution.requirement else caution.sentence
 
 
@@ -465,14 +479,14 @@ def _claim(
     likely = sorted(named.alternatives.items(), key=lambda item: -item[1])
     # General forms and equivalent effects differ in their priors only.
     equal = set(named.alternatives) if effect.traits.general else set(effect.traits.equivalents)
-    rivals = [name for name, share in likely if share > 1.0 - CLAIM_LEVEL or name in equal]
-    others = [name for name in rivals if name not in guards][:MOST_ALTERNATIVES]
+    alternatives = [name for name, share in likely if share > 1.0 - CLAIM_LEVEL or name in equal]
+    others = [name for name in alternatives if name not in guards][:MOST_ALTERNATIVES]
     probability = {
         named.name: named.probability,
         **{name: named.alternatives[name] for name in others},
     }
     random = isinstance(effect, NoiseEffect)
-    by_record = of_each_record(best, effect) if claimed and named.spread is not None else ()
+    by_record = parameters_by_record(best, effect) if claimed and named.spread is not None else ()
     return Claim(
         named.name,
         widened_by_scatter(quantities(best, effect), by_record),

@@ -1,4 +1,7 @@
-"""The predictive test: are held-out data more probable with the claimed effects?"""
+"""Predictive test: whether held-out data are more probable with the claimed effects.
+
+The gains are of log density of the held-out data, from one fitted set of effects to another.
+"""
 
 from __future__ import annotations
 
@@ -28,9 +31,10 @@ from sim.record import Record
 
 
 def frozen_gain(held: HeldOutData, out: HeldOut) -> float:
-    """Return the gain of log density of held-out data from the declared model to a fitted set, by
-    free simulations with all shared parameters frozen; minus infinity where the set cannot be
-    simulated, infinity where there is nothing to compare.
+    """Return the gain of log density of held-out data from the declared model to a fitted set.
+
+    Both are simulated freely with all shared parameters frozen. The gain is minus infinity if the
+    set cannot be simulated, and infinity if there is nothing to compare.
     """
     if held.records and out.frozen is None:
         return -math.inf
@@ -41,14 +45,14 @@ def frozen_gain(held: HeldOutData, out: HeldOut) -> float:
 
 @dataclass(frozen=True)
 class PredictiveGain:
-    """The gains of log density of held-out data, and the least sum of them that supports a claim.
+    """Gains of log density of held-out data, and the smallest sum of them that supports a claim.
 
     Attributes
     ----------
-    values : one gain, or one a record.
-    least : zero, or less where the records test the effects too little: the gain is then below
-        zero by chance even if the effects act as fitted.
-    one_step : the predictions one step ahead; None where a free simulation is compared.
+    values : one gain for all records, or one for each.
+    least : smallest sum that does not contradict the effects: zero, or less if the records test
+        the effects weakly and a negative gain is likely by chance.
+    one_step : errors of one-step predictions; None if free simulations are compared.
     """
 
     values: tuple[float, ...] = ()
@@ -67,7 +71,7 @@ class PredictiveGain:
 
 
 def least_gain(less: Fit, more: Fit) -> float:
-    """Return the least gain of log density that is likely if ``more`` is true, at most zero.
+    """Return the smallest gain of log density that is likely if ``more`` is true, at most zero.
 
     With the difference d of the two free simulations and the noise sigma, the gain is normal with
     mean E = sum((d/sigma)^2)/2 and variance 2 E.
@@ -76,8 +80,8 @@ def least_gain(less: Fit, more: Fit) -> float:
     for problem, one, other in zip(
         more.layout.problems, less.linearisations, more.linearisations, strict=True
     ):
-        apart = np.where(problem.valid, one.y - other.y, 0.0)
-        mean += 0.5 * float(np.sum(apart**2 / more.variance[:, None]))
+        difference = np.where(problem.valid, one.y - other.y, 0.0)
+        mean += 0.5 * float(np.sum(difference**2 / more.variance[:, None]))
     return min(0.0, mean - SUPPORTED_Z * math.sqrt(2.0 * mean))
 
 
@@ -92,7 +96,8 @@ def predictive_gains(
 
     Parameters
     ----------
-    less, more : fitted to the same records. held : the data. out : predictions of ``more``.
+    less, more : two fitted sets on the same records; ``more`` has the claimed effects.
+    held : the held-out data. out : fits of ``more`` to them.
 
     Returns
     -------
@@ -122,6 +127,7 @@ def predictive_gains(
 
 
 def _log_likelihood(fit: Fit | None) -> float:
+    """Return the log likelihood of a fit; minus infinity if the fit failed."""
     return -math.inf if fit is None else fit.log_likelihood
 
 
@@ -136,8 +142,8 @@ def _one_step_fit(
     """Return the filter of a fitted model on one held-out record; None where its predictions are
     not finite.
 
-    ``own`` : starting values of this record. ``settings`` : the same for models that are compared,
-    whatever those of their fits.
+    ``own`` : starting values of the parameters of this record. ``settings`` : of the filter, equal
+    for both models.
     """
     fit = out.informed or out.frozen
     assert fit is not None
@@ -156,10 +162,12 @@ def _one_step_fit(
 def _one_step(
     pairs: Sequence[tuple[Fit | None, Fit | None]], gains: tuple[float, ...], held: HeldOutData
 ) -> OneStep | None:
-    """Return the errors of one-step predictions before and after, with their gains; None where one
-    of the two models has no process noise, or its predictions are not finite.
+    """Return the errors of one-step predictions of both models, with the gains; None if one of them
+    has no process noise, or its predictions are not finite.
+
+    ``pairs`` : in each record, the filters of the two models.
     """
-    sides = []
+    figures_by_model = []
     for fits in zip(*pairs, strict=True):
         found = [fit for fit in fits if fit is not None and has_process_noise(fit.layout.system)]
         if len(found) < len(held.records):
@@ -169,7 +177,7 @@ def _one_step(
             name for name in names if any(name in record.output_names for record in held.records)
         ]
         rows = [names.index(name) for name in channels]
-        sides.append(
+        figures_by_model.append(
             error_figures(
                 [one_step_prediction(fit, 0)[rows] for fit in found],
                 held.records,
@@ -177,12 +185,12 @@ def _one_step(
                 channels,
             )
         )
-    return OneStep(sides[0], sides[1], gains)
+    return OneStep(figures_by_model[0], figures_by_model[1], gains)
 
 
 def _own_values(fitted: FittedModel, out: HeldOut) -> list[dict[str, float]]:
-    """Return the values of single held-out records: the onset of an event is the one found
-    there.
+    """Return, for each held-out record, the values of its own parameters, such as the onset of an
+    event in this record.
     """
     fit = out.informed or out.frozen
     assert fit is not None
@@ -190,8 +198,8 @@ def _own_values(fitted: FittedModel, out: HeldOut) -> list[dict[str, float]]:
     names = {name for effect in fitted.effects for name in local_names(effect)}
     found = []
     for r in range(len(layout.problems)):
-        mine = layout.columns(r)[len(layout.shared) :]
-        values = zip(layout.local, mine, strict=False)
+        positions = layout.columns(r)[len(layout.shared) :]
+        values = zip(layout.local, positions, strict=False)
         found.append({name: float(fit.theta[at]) for name, at in values if name in names})
     return found
 
@@ -200,7 +208,7 @@ def _own_values(fitted: FittedModel, out: HeldOut) -> list[dict[str, float]]:
 
 
 def spike_masks_of(fit: Fit, masks: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return masks of held-out samples without isolated spikes, for error figures only."""
+    """Return the masks of held-out samples less isolated spikes; they serve error figures only."""
     system = fit.layout.system
     every = zip(masks, fit.layout.problems, fit.linearisations, strict=True)
     everything = [np.where(mask, problem.z - line.y, 0.0) for mask, problem, line in every]
@@ -211,14 +219,15 @@ def spike_masks_of(fit: Fit, masks: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Predicted:
-    """The free simulations before and after, and their errors.
+    """Free simulations of a record by the declared model and by the model with the effects found.
 
     Attributes
     ----------
-    predictions : of each part of the record. before, after : errors of all parts together.
-    counted : samples of each part that count in the errors, ``(m, N)`` in the order of the
-        prediction's channels.
-    finite : False where what was found cannot be simulated on this record.
+    predictions : of each part of the record.
+    before, after : errors of the two models over all parts.
+    counted : mask ``(m, N)`` of each part, True where a sample counts in the errors; rows in the
+        order of the channels of the prediction.
+    finite : whether the model with the effects can be simulated on this record.
     """
 
     predictions: tuple[Prediction, ...]
@@ -235,11 +244,16 @@ def predict(
     parts: Sequence[Record],
     spiked: Sequence[str] = (),
 ) -> Predicted:
-    """Predict a record, or its parts between gaps, with the declared model as fitted, and with the
-    effects found.
+    """Return the predictions of a record by the declared model and by the model with effects.
 
-    Only initial states, biases and events are fitted, for each part. ``declared`` has its biases,
-    prepared as for the fit; ``spiked`` inputs are mended.
+    Only initial states, biases and events are fitted, for each part.
+
+    Parameters
+    ----------
+    before, after : estimates of the declared model, and of the model with the effects found.
+    declared : the declared model with its biases.
+    parts : the record, or its parts between gaps, prepared as for the fit.
+    spiked : names of inputs whose spikes are mended.
     """
     outputs = after.outputs
     mended = [with_mended(part, spiked) for part in parts]
@@ -270,8 +284,8 @@ def predict(
 def prediction(
     fit: Fit | None, record_number: int, record: Record, channels: Sequence[str]
 ) -> np.ndarray:
-    """Return the free simulation at every row of a record, ``(m, N)``; after a failed fit the mean
-    of the measurement, or zero.
+    """Return the simulated outputs ``(m, N)`` of a record; if the fit failed, the mean of each
+    measured channel, and zero for others.
     """
     if fit is not None:
         rows = dict(

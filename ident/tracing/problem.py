@@ -1,5 +1,7 @@
-"""The problem of one search, which is immutable, and the numbers of its records that a search
-starts from: spans, input sizes, peaks of the residual's spectrum.
+"""Problem of one search, which is immutable, and the search context of its records.
+
+The context has spans, sizes of inputs and peaks of the residual spectrum; effects take their
+starting values from it.
 """
 
 from __future__ import annotations
@@ -20,20 +22,20 @@ from sim.record import Record
 
 # ---- The problem
 
-TO_THE_END = 300  # most iterations: fits with correlated parameters take up to 200
-# smallest gain of log likelihood by a step: less is below 0.0015 sigmas
+MOST_ITERATIONS = 300  # of a converged fit; fits with correlated parameters take up to 200
+# A fit has converged if a step gains less log likelihood: it moves less than 0.0015 sigmas.
 SETTLED_LOG_LIKELIHOOD = 1e-6
-# the same with unknown noise levels, which converge slowly: 0.2 sigmas
+# the same with unknown noise levels, which converge slowly: less than 0.2 sigmas
 SETTLED_WITH_NOISE_LEVELS = 0.02
 
 
 def no_progress(text: str, share: float) -> None:
-    """A progress function that does nothing."""
+    """Do nothing: the progress function if the caller gives none."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Ended:
-    """A fit and its arguments."""
+class _StoredFit:
+    """A fit that was made, with its arguments: equal requests reuse it."""
 
     start: FittedModel | None
     effects: tuple[Traceable, ...]
@@ -63,7 +65,7 @@ class TraceProblem:
     progress: Callable[[str, float], None] = no_progress
     least_noise: Mapping[str, float] = field(default_factory=dict)
     kinematic: tuple[tuple[str, ...], ...] = ()
-    _ended: list[_Ended] = field(default_factory=list, init=False, repr=False)
+    _stored_fits: list[_StoredFit] = field(default_factory=list, init=False, repr=False)
 
     @property
     def guards(self) -> frozenset[str]:
@@ -106,19 +108,21 @@ class TraceProblem:
         *,
         rough: bool = False,
     ) -> FittedModel | None:
-        """Fit a set from another one's values, coarsely during the search or to convergence. None
-        where no cost is finite. A fit that is asked for again is not repeated.
+        """Return the fit of a set, started from the values of another; None if no cost is finite.
+
+        ``added`` : starting values of further parameters. ``rough`` : coarse, as during the search;
+        else to convergence. Fits are stored, and an equal request returns the stored one.
         """
-        asked = (start, tuple(effects), dict(added or {}), rough)
-        for one in reversed(self._ended):
+        request = (start, tuple(effects), dict(added or {}), rough)
+        for one in reversed(self._stored_fits):
             same = one.start is start or (start is None and not effects)
-            if same and (one.effects, one.added, one.rough) == asked[1:]:
+            if same and (one.effects, one.added, one.rough) == request[1:]:
                 return one.fitted
         random = any(isinstance(effect, NoiseEffect) for effect in effects)
         enough = SETTLED_WITH_NOISE_LEVELS if random else SETTLED_LOG_LIKELIHOOD
-        settings = FitSettings(self.settings.max_step, iterations=TO_THE_END, enough=enough)
+        settings = FitSettings(self.settings.max_step, iterations=MOST_ITERATIONS, enough=enough)
         fitted = self._fit(effects, self.roughly if rough else settings, start, added)
-        self._ended.append(_Ended(*asked, fitted))
+        self._stored_fits.append(_StoredFit(*request, fitted))
         return fitted
 
     def _fit(
@@ -131,13 +135,13 @@ class TraceProblem:
         return fit_set(self.data, effects, settings, start_from(start, added))
 
     def with_kinematics(self, groups: Sequence[tuple[str, ...]]) -> TraceProblem:
-        """Return the problem with other kinematic evidence. Its fits are the same."""
+        """Return the problem with other kinematic evidence; it keeps the stored fits."""
         other = replace(self, kinematic=tuple(groups))
-        other._ended.extend(self._ended)
+        other._stored_fits.extend(self._stored_fits)
         return other
 
     def with_masks(self, masks: Sequence[np.ndarray]) -> TraceProblem:
-        """Return the problem with other masks; earlier fits do not belong to it."""
+        """Return the problem with other masks, without stored fits."""
         return replace(self, masks=tuple(masks))
 
 

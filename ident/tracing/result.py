@@ -1,5 +1,6 @@
-"""The Diagnosis from fitted models and their predictions: derivatives with sigmas, error figures,
-fitted and predicted outputs.
+"""Diagnosis from fitted models and their predictions.
+
+It has derivatives with sigmas, error figures, and fitted and predicted outputs.
 """
 
 from __future__ import annotations
@@ -45,8 +46,8 @@ from sim.declaration.effect import DynamicsEffect
 from sim.record import Record
 
 _NONE: Mapping[str, float] = MappingProxyType({})
-# smallest noise level of a fit, relative to the noise at high frequencies; below it the level was
-# lost
+# Smallest noise level of a fit relative to the noise at high frequencies. Below it, process noise
+# has taken over the measurement noise.
 LOST_NOISE_SHARE = 0.1
 
 
@@ -54,16 +55,20 @@ def _derivatives_under_each(
     problem: TraceProblem,
     best: FittedModel,
     claim: Claim,
-    under: Mapping[str, Quantity],
+    accepted_derivatives: Mapping[str, Quantity],
     inflation: Mapping[str, float],
     spread: Callable[[FittedModel], Mapping[str, float]],
     fits: Mapping[frozenset[str], FittedModel],
 ) -> Claim:
-    """Return a claim with the derivatives under its own name and under each alternative; a hint
-    without them.
+    """Return a claim with the derivatives under its own effect and under each alternative; a hint
+    is returned unchanged.
 
-    ``under`` : those of the accepted set. ``spread`` : their change with the form of the effects.
-    ``fits`` : fits of the search, from which those of the alternatives start.
+    Parameters
+    ----------
+    best : the accepted set. accepted_derivatives : derivatives under it.
+    inflation : factor on the sigma of each derivative.
+    spread : function that returns the change of the derivatives with the form of the effects.
+    fits : fits of the search, from which the fits with alternatives start.
     """
     offered, members = {each.name: each for each in problem.candidates}, {}
     rest = [each for each in best.effects if each.name != claim.name]
@@ -75,25 +80,35 @@ def _derivatives_under_each(
         other = problem.fit(effects, start)
         if other is not None:
             members[name] = _derivatives(problem, other, inflation, spread(other))
-    return replace(claim, derivatives_under={claim.name: under, **members}) if members else claim
+    return (
+        replace(claim, derivatives_under={claim.name: accepted_derivatives, **members})
+        if members
+        else claim
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Before:
-    """The declared model as fitted, its residual tests, and the scatter between records."""
+    """The declared model as fitted.
 
-    root: FittedModel
+    Attributes
+    ----------
+    fitted : the fit. tests : of its residuals.
+    scatter : of its derivatives between records.
+    """
+
+    fitted: FittedModel
     tests: tuple[ResidualTest, ...]
     scatter: RecordScatter
 
 
 @dataclass(frozen=True, eq=False)
 class ForSimulation:
-    """The model with the effects found, as simulations use it.
+    """The model with the effects found, as a free simulation uses it.
 
     Attributes
     ----------
-    trained : its values. fit : to the fitted records.
+    trained : its estimates. fit : its fit to the fitted records.
     frozen : fit to held-out records with frozen derivatives; None without such records, or where
         the model cannot be simulated.
     """
@@ -105,8 +120,13 @@ class ForSimulation:
 
 @dataclass(frozen=True, eq=False)
 class After:
-    """The accepted set, its judgement, the model for simulations, the scatter between records, and
-    the fits of the search by the names of their effects.
+    """The accepted set of effects.
+
+    Attributes
+    ----------
+    judgement : of the set. simulated : the model with it, for free simulations.
+    scatter : of its derivatives between records.
+    fits : fits of the search, by the names of their effects.
     """
 
     judgement: Judgement
@@ -116,8 +136,8 @@ class After:
 
 
 def _tests_for_noise_floor(before: Before, judgement: Judgement) -> tuple[ResidualTest, ...]:
-    """Return the tests that show which residuals are noise; without claims, those of the declared
-    model.
+    """Return the residual tests that show which residuals are noise: of the accepted set, or of the
+    declared model if the verdict is ``unexplained``.
     """
     # A catch-all term or turbulence whitens the innovations: its tests would accept the declared
     # model's residual as sensor noise.
@@ -131,13 +151,18 @@ def reported(
     held: HeldOutData,
     validation: Sequence[Record],
 ) -> Diagnosis:
-    """Return the Diagnosis. ``validation`` are the held-out records as given, spikes of inputs
-    included.
+    """Return the Diagnosis.
+
+    ``held`` : held-out data with mended inputs. ``validation`` : the same records as given.
     """
-    judgement, root, simulated = after.judgement, before.root, after.simulated
+    judgement, declared_fit, simulated = after.judgement, before.fitted, after.simulated
     best, inflation = judgement.best, after.scatter.inflation
     shown = validation or problem.records
-    fits = (held.declared.frozen, simulated.frozen) if validation else (root.fit, simulated.fit)
+    fits = (
+        (held.declared.frozen, simulated.frozen)
+        if validation
+        else (declared_fit.fit, simulated.fit)
+    )
     channels = [
         name for name in problem.outputs if any(name in record.output_names for record in shown)
     ]
@@ -156,15 +181,15 @@ def reported(
         # Without claims the refined form is not worth a fit.
         return form_spread(problem, fitted) if judgement.verdict is not Verdict.UNEXPLAINED else {}
 
-    under = _derivatives(problem, best, inflation, spread(best))
-    every_level = _noise_levels(root, best)
-    levels = {name: std for name, std in every_level.items() if name in channels}
+    accepted_derivatives = _derivatives(problem, best, inflation, spread(best))
+    all_levels = _noise_levels(declared_fit, best)
+    levels = {name: std for name, std in all_levels.items() if name in channels}
     fitted = tuple(
         FittedRecord(
             record,
             best.system.output_names,
-            root.fit.residuals[r],
-            _in_units(best, r, every_level),
+            declared_fit.fit.residuals[r],
+            _in_units(best, r, all_levels),
             problem.masks[r],
         )
         for r, record in enumerate(problem.records)
@@ -174,16 +199,18 @@ def reported(
     return Diagnosis(
         verdict=judgement.verdict,
         effects=tuple(
-            _derivatives_under_each(problem, best, claim, under, inflation, spread, after.fits)
+            _derivatives_under_each(
+                problem, best, claim, accepted_derivatives, inflation, spread, after.fits
+            )
             for claim in claims
         ),
-        before=_derivatives(problem, root, before.scatter.inflation),
-        after=under,
-        trained_before=root.trained,
+        before=_derivatives(problem, declared_fit, before.scatter.inflation),
+        after=accepted_derivatives,
+        trained_before=declared_fit.trained,
         trained_after=simulated.trained,
-        modes_before=_characteristics(root, before.scatter.inflation),
+        modes_before=_characteristics(declared_fit, before.scatter.inflation),
         modes_after=_characteristics(best, inflation),
-        derived_before=_derived(root, before.scatter.inflation),
+        derived_before=_derived(declared_fit, before.scatter.inflation),
         derived_after=_derived(best, inflation),
         error_before=error_figures([p.before for p in predictions], shown, masks, channels),
         error_after=error_figures([p.after for p in predictions], shown, masks, channels),
@@ -204,8 +231,10 @@ def reported(
 
 
 def requirements_not_met(judgement: Judgement) -> tuple[Requirement, ...]:
-    """Return the requirements that were not met; of several residual tests, the one with the
-    smallest p-value, and their number.
+    """Return the requirements that were not met.
+
+    Several residual tests that fail are one requirement, with the smallest p-value and their
+    number.
     """
     cautions = [caution for caution in judgement.cautions if caution.requirement is not None]
     tests = [
@@ -229,25 +258,28 @@ def requirements_not_met(judgement: Judgement) -> tuple[Requirement, ...]:
 
 
 def with_reasons(claim: Claim, judgement: Judgement, not_met: Sequence[Requirement]) -> Claim:
-    """Return a hint with its reasons: requirements not met by it or by all effects, and cautions
-    without a number.
+    """Return a hint with its reasons: the requirements that it, or the whole set, does not meet, or
+    without any the cautions that have no number. A claim is returned unchanged.
     """
     if claim.claimed or claim.reasons:
         return claim
-    mine = [
+    unmet = [
         requirement.sentence
         for requirement in not_met
         if not requirement.effects or claim.name in requirement.effects
     ]
-    plain = [caution.sentence for caution in judgement.cautions if caution.requirement is None]
-    return replace(claim, reasons=(*mine, *(plain if not mine else [])))
+    without_number = [
+        caution.sentence for caution in judgement.cautions if caution.requirement is None
+    ]
+    return replace(claim, reasons=(*unmet, *(without_number if not unmet else [])))
 
 
 def _error_masks(
     problem: TraceProblem, channels: Sequence[str], shown: Sequence[Record], fit: Fit | None
 ) -> list[np.ndarray]:
-    """Return the samples that count in errors, ``(channels, N)`` a record; ``fit`` of held-out
-    records.
+    """Return for each record the mask ``(channels, N)`` of the samples that count in errors.
+
+    ``fit`` : to the held-out records; None if there are none or it failed.
     """
     masks = measured_masks(shown, problem.outputs)
     if shown is problem.records:
@@ -285,8 +317,8 @@ def _derivatives(
 
 
 def _derived(fitted: FittedModel, inflation: Mapping[str, float] = _NONE) -> dict[str, Quantity]:
-    """Return frequency, damping and delay, with sigmas propagated from the reported ones of the
-    derivatives.
+    """Return frequency and damping of the modes, and the delay, with sigmas propagated from the
+    reported sigmas of the derivatives.
     """
     if not fitted.system.inputs:
         return {}
@@ -302,6 +334,7 @@ def _derived(fitted: FittedModel, inflation: Mapping[str, float] = _NONE) -> dic
 
 
 def _characteristics(fitted: FittedModel, inflation: Mapping[str, float]) -> Characteristics | None:
+    """Return the characteristics of the modes; None for a model without inputs."""
     return (
         characteristics(fitted.system, _inflated_estimate(fitted, inflation), _slow(fitted))
         if fitted.system.inputs
@@ -310,7 +343,7 @@ def _characteristics(fitted: FittedModel, inflation: Mapping[str, float]) -> Cha
 
 
 def _slow(fitted: FittedModel) -> set[str]:
-    """The short period is meant, at one speed: what any record may have beside it is slower."""
+    """Return the states of nuisance dynamics by name: they are slower than the short period."""
     return {
         state.name
         for effect in fitted.background
@@ -320,20 +353,27 @@ def _slow(fitted: FittedModel) -> set[str]:
 
 
 def _inflated_estimate(fitted: FittedModel, inflation: Mapping[str, float]) -> Estimate:
-    plain = fitted.estimate
-    inflated = np.array([inflation.get(name, 1.0) for name in plain.names])
-    return replace(plain, covariance=plain.covariance * np.outer(inflated, inflated))
+    """Return the estimate with each sigma multiplied by its inflation."""
+    estimate = fitted.estimate
+    inflated = np.array([inflation.get(name, 1.0) for name in estimate.names])
+    return replace(estimate, covariance=estimate.covariance * np.outer(inflated, inflated))
 
 
-def _noise_levels(root: FittedModel, best: FittedModel) -> dict[str, float]:
-    """Return the measurement noise by output; if a fit with process noise lost it, the noise at
-    high frequencies of the declared model's residual.
+def _noise_levels(declared_fit: FittedModel, best: FittedModel) -> dict[str, float]:
+    """Return the standard deviation of the measurement noise by output.
+
+    If process noise has taken over the noise of an output, it is the noise at high frequencies in
+    the residual of the declared model.
     """
     levels = noise_levels(best.fit)
     if has_process_noise(best.system):
         lost = set(levels_at_limit(best.fit))
         for name, level in levels.items():
-            shown = noise_shown(root.fit, name) if name in root.system.output_names else None
+            shown = (
+                noise_shown(declared_fit.fit, name)
+                if name in declared_fit.system.output_names
+                else None
+            )
             # Rough air or a discrepancy has also explained the noise of this sensor.
             if shown is not None and (name in lost or level < LOST_NOISE_SHARE * shown):
                 levels[name] = shown
@@ -341,8 +381,8 @@ def _noise_levels(root: FittedModel, best: FittedModel) -> dict[str, float]:
 
 
 def _in_units(fitted: FittedModel, r: int, levels: Mapping[str, float]) -> np.ndarray:
-    """Return the residuals in the outputs' units; innovations of unit variance are multiplied by
-    the noise of their output.
+    """Return the residuals ``(m, N)`` of record ``r`` in the units of the outputs: innovations of
+    unit variance are multiplied by the noise of their output.
     """
     if not has_process_noise(fitted.system):
         return fitted.fit.residuals[r]
@@ -374,10 +414,11 @@ class Judgement:
 
     Attributes
     ----------
+    verdict : of the diagnosis.
     best : the set.
-    out : its fit to held-out data.
-    claims : its effects and hints.
-    tests : of its residuals.
+    out : fits of the set to held-out data.
+    claims : effects of the set that are claimed, and hints.
+    tests : residual tests of the set.
     cautions : reasons to doubt more than the verdict states.
     """
 
@@ -390,7 +431,7 @@ class Judgement:
 
 
 def residual_tests(best: FittedModel, out: HeldOut) -> ResidualTests:
-    """Test whether the residuals are noise, on the fitted records and on the others."""
+    """Return the tests whether the residuals are noise, on the fitted and the held-out records."""
     others = whiteness(out.informed, HELD_OUT) if out.informed is not None else ()
     return ResidualTests(tuple(whiteness(best.fit, FITTED)), tuple(others))
 

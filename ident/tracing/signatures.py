@@ -1,5 +1,7 @@
-"""Raw signatures of a candidate, before whitening and projection: the change of a fitted model's
-outputs, or its derivative, at the parameter values of each probe.
+"""Signatures of a candidate before whitening and projection.
+
+A signature is the change of the outputs of the fitted model by the candidate: at the parameter
+values of a probe, or the derivative with respect to a parameter at these values.
 """
 
 from __future__ import annotations
@@ -20,26 +22,27 @@ from sim.declaration.model import System
 from sim.declaration.proposal import Probe, SearchContext, Traceable, fitted_to
 from sim.errors import ModelError
 
-# prior sigma of the size of an event that is probed at a fixed size, relative to that size
+# prior sigma of the factor on the signature of an event that is probed at one size
 EVENT_SIZE_REL_SIGMA = 0.4
 LARGEST_SIGNATURE = 1e6  # largest signature; the simulation of a larger one diverged
-SLOPE_STEP = 1e-4  # step of differences, relative to a parameter's declared size
+SLOPE_STEP = 1e-4  # step of finite differences, relative to the size of the parameter
 COARSE_STEP = 0.025  # s, sub-step that is accurate enough to rank candidates
 
 
-# An effect, and for each of its probes the signatures: one array ``(m, N, k)`` for each record,
-# with k columns of the probe.
+# An effect, and for each of its probes the signatures in each record: ``(m, N, k)``, m outputs,
+# N samples, k columns: one for each parameter in ``slopes`` of the probe, or a single one.
 CandidateSignatures = tuple[Traceable, Sequence[tuple[Probe, list[np.ndarray]]]]
 
 
-def motions_of(fitted: FittedModel) -> list[BaseMotion]:
-    """Return the motion of the fitted model in each record; candidates are simulated as
-    deviations from it.
+def base_motions(fitted: FittedModel) -> list[BaseMotion]:
+    """Return the simulated motion of the fitted model in each record.
+
+    Candidates are simulated as deviations from it, which saves most of the work.
     """
     motions, layout = [], fitted.fit.layout
-    for r, old in enumerate(layout.problems):
+    for r, fitted_problem in enumerate(layout.problems):
         p, _ = layout.split(fitted.fit.theta, r)
-        problem = _coarse(old, layout, fitted.system, p)
+        problem = _coarse(fitted_problem, layout, fitted.system, p)
         assert problem.drive is not None
         motions.append(
             base_motion(
@@ -53,70 +56,76 @@ def motions_of(fitted: FittedModel) -> list[BaseMotion]:
     return motions
 
 
-def _coarse(old: RecordProblem, layout: FitLayout, system: System, p: np.ndarray) -> RecordProblem:
-    """Return the problem of one record with a grid of coarse sub-steps. Input effects are applied
-    with the parameters ``p (n_p,)``.
+def _coarse(
+    fitted_problem: RecordProblem, layout: FitLayout, system: System, p: np.ndarray
+) -> RecordProblem:
+    """Return the problem of one record with coarse sub-steps.
+
+    ``p (n_p,)`` : parameters of the system. Input effects are applied with these values.
     """
     return record_problem(
-        old.record,
+        fitted_problem.record,
         system,
         max(layout.settings.max_step, COARSE_STEP),
         (),
         (),
-        valid=old.valid,
+        valid=fitted_problem.valid,
         at=p,
     )
 
 
-def signatures_of(
+def simulated_signatures(
     fitted: FittedModel, motions: Sequence[BaseMotion], effect: Traceable, probes: Sequence[Probe]
 ) -> list[list[np.ndarray]]:
-    """Return the signatures ``(m, N, k)``: the outer list has the probes, the inner lists the
-    records.
+    """Return the signatures ``(m, N, k)`` of an effect: a list by probe of lists by record.
+
+    ``motions`` : of the fitted model, from ``base_motions``.
     """
     outputs = [signal.name for signal in fitted.system.outputs]
     _, system = compiled_with(fitted.model, [effect], outputs)
     layout = fitted.fit.layout
-    parameter_sets, probe_simulations = _trial_parameters(effect, probes, system.parameters.names)
-    blocks: list[list[np.ndarray]] = [[] for _ in probes]
-    for r, old in enumerate(layout.problems):
+    parameter_sets, probe_simulations = _trial_parameters(effect, probes)
+    by_probe: list[list[np.ndarray]] = [[] for _ in probes]
+    for r, fitted_problem in enumerate(layout.problems):
         p, _ = layout.split(fitted.fit.theta, r)
-        given = dict(zip(layout.system.parameters.names, p.tolist(), strict=True))
-        base = np.array([given.get(item.name, item.value) for item in system.parameters])
+        fitted_values = dict(zip(layout.system.parameters.names, p.tolist(), strict=True))
+        base = np.array([fitted_values.get(item.name, item.value) for item in system.parameters])
         for local, value in effect.absent.items():
             base[system.parameters.index(full_name(effect, local))] = value
         trials = np.repeat(base[:, None], len(parameter_sets), axis=1)
         for column, values in enumerate(parameter_sets):
             for name, value in values.items():
                 trials[system.parameters.index(name), column] = value
-        problem = _coarse(old, layout, system, base)
+        problem = _coarse(fitted_problem, layout, system, base)
         states = dict(
             zip(layout.system.state_names, fitted.fit.linearisations[r].states, strict=True)
         )
         trajectory = np.array(
             [
-                states[name] if name in states else np.zeros(len(old.grid.nodes))
+                states[name] if name in states else np.zeros(len(fitted_problem.grid.nodes))
                 for name in system.state_names
             ]
         )
-        # If the fitted model has input effects and the candidate is one, too, the drive changes and
-        # the base motion cannot be reused: None computes it anew.
+        # If effects of the set and the candidate act on the inputs, the base motion has other
+        # inputs and cannot be reused: None computes it anew.
         motion = (
             None
             if layout.system.input_stages and effect.station is Station.INPUT_PATH
             else motions[r]
         )
-        y, changed = trial_outputs(
+        y, trial_y = trial_outputs(
             problem, base, trajectory, trials, len(layout.system.states), motion
         )
         # Overflows of divergent simulations are silenced here; `_stays_small` discards them later.
         with overflow_tolerated():
-            for block, (first, size, reference, steps) in zip(
-                blocks, probe_simulations, strict=True
+            for by_record, (first, size, reference, steps) in zip(
+                by_probe, probe_simulations, strict=True
             ):
-                zero = y[:, :, None] if reference < 0 else changed[:, :, reference : reference + 1]
-                block.append((changed[:, :, first : first + size] - zero) / steps)
-    return blocks
+                subtracted = (
+                    y[:, :, None] if reference < 0 else trial_y[:, :, reference : reference + 1]
+                )
+                by_record.append((trial_y[:, :, first : first + size] - subtracted) / steps)
+    return by_probe
 
 
 class _ProbeSimulations(NamedTuple):
@@ -137,10 +146,12 @@ class _ProbeSimulations(NamedTuple):
 
 
 def _trial_parameters(
-    effect: Traceable, probes: Sequence[Probe], names: Sequence[str]
+    effect: Traceable, probes: Sequence[Probe]
 ) -> tuple[list[dict[str, float]], list[_ProbeSimulations]]:
-    """Return the parameter values of all simulations, and the simulations of each probe."""
-    size = {item.name: abs(item.value) or 1.0 for item in effect.parameters}
+    """Return the parameter values of all simulations by full name, and the simulations from which
+    the signatures of each probe are computed.
+    """
+    sizes = {item.name: abs(item.value) or 1.0 for item in effect.parameters}
     parameter_sets: list[dict[str, float]] = []
     probe_simulations = []
     for probe in probes:
@@ -153,7 +164,7 @@ def _trial_parameters(
         if any(probe.values.get(local) != value for local, value in effect.absent.items()):
             reference = len(parameter_sets)
             parameter_sets.append(full)
-        steps = np.array([SLOPE_STEP * size[local] for local in probe.slopes])
+        steps = np.array([SLOPE_STEP * sizes[local] for local in probe.slopes])
         probe_simulations.append(
             _ProbeSimulations(len(parameter_sets), len(steps), reference, steps)
         )
@@ -175,19 +186,22 @@ def coefficient_prior(
     items = {item.name: item for item in effect.parameters}
     means, sigmas = [], []
     for local in probe.slopes:
-        known = prior_of(effect, items[local], probe.values[local], context)
-        means.append(known.mean - probe.values[local])
-        sigmas.append(known.sigma)
+        prior = prior_of(effect, items[local], probe.values[local], context)
+        means.append(prior.mean - probe.values[local])
+        sigmas.append(prior.sigma)
     return np.array(means), np.array(sigmas)
 
 
 def candidate_signatures(
     fitted: FittedModel, candidates: Sequence[Traceable], context: SearchContext
 ) -> dict[int, CandidateSignatures]:
-    """Return the signatures of all candidates at a fitted set, without divergent ones."""
-    motions = motions_of(fitted)
-    found: dict[int, CandidateSignatures] = {}
-    for place, candidate in enumerate(candidates):
+    """Return the signatures of all candidates at a fitted set, by position in ``candidates``.
+
+    Omitted are effects of the set, noise effects, and probes whose simulation diverges.
+    """
+    motions = base_motions(fitted)
+    signatures_by_candidate: dict[int, CandidateSignatures] = {}
+    for number, candidate in enumerate(candidates):
         if candidate.name in fitted.names or isinstance(candidate, NoiseEffect):
             continue
         effect = fitted_to(candidate, context)
@@ -195,24 +209,24 @@ def candidate_signatures(
         if not probes:
             continue
         try:
-            signatures = signatures_of(fitted, motions, effect, probes)
+            signatures = simulated_signatures(fitted, motions, effect, probes)
         except (ModelError, FloatingPointError):
             continue
-        usable = [
-            (probe, parts)
-            for probe, parts in zip(probes, signatures, strict=True)
-            if _stays_small(effect, probe, parts, context)
+        bounded = [
+            (probe, by_record)
+            for probe, by_record in zip(probes, signatures, strict=True)
+            if _stays_small(effect, probe, by_record, context)
         ]
-        if usable:
-            found[place] = (effect, usable)
-    return found
+        if bounded:
+            signatures_by_candidate[number] = (effect, bounded)
+    return signatures_by_candidate
 
 
 def _stays_small(
-    effect: Traceable, probe: Probe, parts: Sequence[np.ndarray], context: SearchContext
+    effect: Traceable, probe: Probe, by_record: Sequence[np.ndarray], context: SearchContext
 ) -> bool:
-    """Return whether the signatures, each times the prior sigma of its coefficient, are below
-    ``LARGEST_SIGNATURE``.
+    """Return whether the signatures of a probe in all records are below ``LARGEST_SIGNATURE``, each
+    multiplied by the prior sigma of its coefficient.
     """
     _, sigma = coefficient_prior(effect, probe, context)
-    return all(np.all(np.abs(part) * sigma < LARGEST_SIGNATURE) for part in parts)
+    return all(np.all(np.abs(signature) * sigma < LARGEST_SIGNATURE) for signature in by_record)

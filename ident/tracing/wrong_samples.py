@@ -24,22 +24,22 @@ from ident.tracing.problem import TraceProblem, search_context
 from sim.declaration.effect import full_name
 from sim.record import Channel, Record
 
-NEAR_EVENT = 0.15  # s around the edge of a fitted event, where its form may be a little off
+NEAR_EVENT = 0.15  # s, no spikes are sought so close to a fitted event: its form is approximate
 
 
 def measured_masks(records: Sequence[Record], outputs: Sequence[str]) -> list[np.ndarray]:
-    """Validity of the samples of each record, ``(m, N)``."""
+    """Return the mask ``(m, N)`` of each record: True where a sample was measured."""
     return [record.output_array(outputs)[1] for record in records]
 
 
 def spike_masks(problem: TraceProblem, fitted: FittedModel) -> list[np.ndarray]:
     """Return provisional masks without isolated spikes in a fitted model's residuals."""
     masks = []
-    for laid, line, record in zip(
+    for laid_out, line, record in zip(
         fitted.fit.layout.problems, fitted.fit.linearisations, problem.records, strict=True
     ):
         measured = record.output_array(problem.outputs)[1]
-        residual = np.where(measured, laid.z - line.y, 0.0)
+        residual = np.where(measured, laid_out.z - line.y, 0.0)
         masks.append(measured & provisional_mask(residual, measured, input_edges(record)))
     return masks
 
@@ -47,13 +47,13 @@ def spike_masks(problem: TraceProblem, fitted: FittedModel) -> list[np.ndarray]:
 def spike_claims(
     problem: TraceProblem, fitted: FittedModel
 ) -> tuple[list[np.ndarray], list[Claim]]:
-    """Return the final masks from the fitted model's residuals, and claims of spikes for which a
-    candidate exists.
+    """Return the final masks ``(m, N)`` from the residuals of a fitted model, and the claims of
+    spikes in those channels for which a candidate exists.
     """
     measured = measured_masks(problem.records, problem.outputs)
     residuals = [
-        np.where(valid, laid.z - line.y, 0.0)
-        for valid, laid, line in zip(
+        np.where(valid, laid_out.z - line.y, 0.0)
+        for valid, laid_out, line in zip(
             measured, fitted.fit.layout.problems, fitted.fit.linearisations, strict=True
         )
     ]
@@ -103,16 +103,18 @@ def with_mended(record: Record, names: Sequence[str]) -> Record:
 
 
 def cleaned_inputs(
-    problem: TraceProblem, root: FittedModel
+    problem: TraceProblem, declared_fit: FittedModel
 ) -> tuple[TraceProblem, FittedModel, list[Claim], list[Step]]:
-    """Mend spikes of recorded inputs if that improves the fit by more than their prior odds.
+    """Mend spikes of recorded inputs if the log likelihood increases by more than their prior odds.
 
-    Returns the problem, its fit, the claims and the steps.
+    Returns
+    -------
+    The problem with mended inputs; its fit without effects; claims and steps for the log.
     """
     claims: list[Claim] = []
     steps: list[Step] = []
     names = _spike_candidates(problem)
-    for name in [name for name in root.system.input_names if name in names]:
+    for name in [name for name in declared_fit.system.input_names if name in names]:
         found = [input_spikes(record[name].values) for record in problem.records]
         if not any(samples.size for samples in found):
             continue
@@ -123,24 +125,24 @@ def cleaned_inputs(
                 for record, samples in zip(problem.records, found, strict=True)
             ],
         )
-        fitted = trial.fit((), root)
-        gain = root.fit.cost - fitted.fit.cost if fitted is not None else 0.0
+        fitted = trial.fit((), declared_fit)
+        gain = declared_fit.fit.cost - fitted.fit.cost if fitted is not None else 0.0
         if fitted is not None and gain > -math.log(FAMILY_ODDS / FEWEST_FAMILY_MEMBERS):
-            unit = root.system.inputs[root.system.input_names.index(name)].unit
-            known_to = max(float(np.ptp(problem.records[0][name].values)) * 1e-3, 1e-12)
+            unit = declared_fit.system.inputs[declared_fit.system.input_names.index(name)].unit
+            size_sigma = max(float(np.ptp(problem.records[0][name].values)) * 1e-3, 1e-12)
             claims.append(
                 _claim(
                     names[name],
                     _removed_spikes(problem.records, trial.records, name, found),
                     unit,
-                    known_to,
+                    size_sigma,
                 )
             )
             sentence = f"spikes of {name} mended: the log likelihood rises by {gain:.1f}"
             evidence, _, _ = evidence_of(fitted, search_context(fitted, problem.predicted))
             steps.append(Step((), evidence, fitted.fit.log_likelihood, sentence))
-            problem, root = trial, fitted
-    return problem, root, claims, steps
+            problem, declared_fit = trial, fitted
+    return problem, declared_fit, claims, steps
 
 
 def _removed_spikes(
@@ -169,6 +171,7 @@ def _spike_candidates(problem: TraceProblem) -> dict[str, str]:
 
 
 def _with_interpolated(record: Record, name: str, samples: np.ndarray) -> Record:
+    """Return a record with these samples of an input replaced by the mean of their neighbours."""
     if not samples.size:
         return record
     values = record[name].values.copy()
@@ -183,6 +186,10 @@ def _with_interpolated(record: Record, name: str, samples: np.ndarray) -> Record
 
 
 def _claim(name: str, spikes: Sequence[Spikes], unit: str, sigma: float) -> Claim:
+    """Return the claim of the spikes of one channel.
+
+    ``name`` : of the candidate. ``sigma`` : of the size of a single spike.
+    """
     sizes = np.array([size for spike in spikes for size in spike.sizes])
     count = len(sizes)
     size = float(np.sqrt(np.mean(sizes**2)))
@@ -199,11 +206,12 @@ def _claim(name: str, spikes: Sequence[Spikes], unit: str, sigma: float) -> Clai
 
 
 def _sigma(fitted: FittedModel, channel: str) -> float:
+    """Return the standard deviation of the noise of a channel."""
     return float(noise_levels(fitted.fit)[channel])
 
 
 def _near_events(fitted: FittedModel, r: int, record: Record) -> np.ndarray:
-    """True near the onset, and the end, of a fitted event of a record."""
+    """Return a mask ``(N,)`` of record ``r``: True near the onset and the end of a fitted event."""
     blocked = np.zeros(len(record), dtype=bool)
     own, shared = fitted.values.own[r], fitted.values.shared
     for effect in fitted.effects:

@@ -1,5 +1,5 @@
-"""Coloured noise of each output, with one level below a few hertz and another one above, over whole
-records.
+"""Coloured noise of each output over whole records, with one level below a few hertz and another
+one above.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from scipy.fft import dct, idct, irfft, next_fast_len, prev_fast_len, rfft
 from ident.statistics.residuals import LOW_FREQUENCY
 from ident.whole_record.gauss_newton import Fit
 
-FEWEST_COEFFICIENTS = 16  # coefficients of a band whose level is estimated
-_BATCH = 64  # cosines of the transform whose products are computed together
+FEWEST_COEFFICIENTS = 16  # fewest coefficients of a band from which its level is estimated
+_BATCH = 64  # cosine coefficients whose products are computed at once
 
 
 def fast_transform_blocks(n: int) -> tuple[slice, ...]:
@@ -24,8 +24,8 @@ def fast_transform_blocks(n: int) -> tuple[slice, ...]:
 
     The transform of a length with a large prime factor takes five times as long.
     """
-    most = prev_fast_len(n)
-    return (slice(0, most), slice(most, n)) if most < n else (slice(0, n),)
+    longest = prev_fast_len(n)
+    return (slice(0, longest), slice(longest, n)) if longest < n else (slice(0, n),)
 
 
 def cosine_transform(values: np.ndarray, inverse: bool = False) -> np.ndarray:
@@ -41,7 +41,7 @@ def cosine_transform(values: np.ndarray, inverse: bool = False) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class ColouredNoise:
-    """Levels of the noise of a fit's residuals in two bands.
+    """Noise of the residuals of a fit, with one level in each of two frequency bands.
 
     Filters and the resolution of a recorder colour the noise: it has more power at the frequencies
     of the motion than above. A model of white noise would then overstate the evidence. Therefore
@@ -111,11 +111,11 @@ class ColouredNoise:
         m = len(self.fit.variance)
         counts, squares = np.zeros((m, 2)), np.zeros((m, 2))
         for r, (problem, low) in enumerate(zip(self.fit.layout.problems, self._low, strict=True)):
-            e = cosine_transform(self._standard(r, self.fit.residuals[r]))
+            coefficients = cosine_transform(self._standard(r, self.fit.residuals[r]))
             valid_share = problem.valid.mean(axis=1)
-            for band, inside in enumerate((low, ~low)):
-                counts[:, band] += valid_share * np.count_nonzero(inside)
-                squares[:, band] += np.sum(e[:, inside] ** 2, axis=1)
+            for band, in_band in enumerate((low, ~low)):
+                counts[:, band] += valid_share * np.count_nonzero(in_band)
+                squares[:, band] += np.sum(coefficients[:, in_band] ** 2, axis=1)
         enough = np.all(counts >= FEWEST_COEFFICIENTS, axis=1)[:, None] & (squares > 0.0)
         means = np.where(enough, squares / np.maximum(counts, 1.0), 1.0)
         return counts, means
@@ -196,8 +196,8 @@ class ColouredNoise:
             chosen = low_positions[first : first + _BATCH]
             unit = np.zeros((len(chosen), n))
             unit[np.arange(len(chosen)), chosen] = 1.0
-            inside = correlated(valid * cosine_transform(unit, inverse=True), signatures)
-            squares += (low - high) * np.einsum("fkn,fln->kln", inside, inside)
+            low_products = correlated(valid * cosine_transform(unit, inverse=True), signatures)
+            squares += (low - high) * np.einsum("fkn,fln->kln", low_products, low_products)
         return squares.transpose(2, 0, 1), with_fixed
 
     def in_time(self, r: int) -> np.ndarray:
@@ -212,7 +212,7 @@ class ColouredNoise:
         for r in range(len(self.fit.layout.problems)):
             columns = np.arange(len(gradient))[self.fit.layout.columns(r)]
             # add the terms of the coloured residual, and subtract those of the white one
-            for sign, e, A in (
+            for sign, residual, sensitivities in (
                 (1.0, self.residual(r), self.sensitivities(r)),
                 (
                     -1.0,
@@ -220,7 +220,7 @@ class ColouredNoise:
                     self._standard(r, self.fit.jacobians[r]),
                 ),
             ):
-                flat = A.reshape(-1, A.shape[2])
-                normal[np.ix_(columns, columns)] += sign * (flat.T @ flat)
-                gradient[columns] += sign * (flat.T @ e.ravel())
+                A = sensitivities.reshape(-1, sensitivities.shape[2])
+                normal[np.ix_(columns, columns)] += sign * (A.T @ A)
+                gradient[columns] += sign * (A.T @ residual.ravel())
         return normal, gradient

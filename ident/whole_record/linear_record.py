@@ -161,7 +161,7 @@ def _inputs_of(
     stages = drive.stages[:1] if held else drive.stages
 
     def table(values: Callable[[np.ndarray], np.ndarray], first: int) -> _InputRows:
-        """Return ``values`` of all rows, behind ``first`` columns of ones."""
+        """Return the rows of the drive mapped by ``values``, after ``first`` columns of ones."""
 
         def stack(rows: Sequence[np.ndarray], length: int) -> np.ndarray:
             columns = [*[np.ones(length)] * first, *(values(row) for row in rows)]
@@ -320,10 +320,10 @@ def _step_matrices(
             sixth * (4.0 * eye + 2.0 * Z + Z2 / 2.0),
             sixth * eye,
         )
-    together = by_stage[0] + by_stage[1] + by_stage[2]
-    of_inputs = [together] if held else list(by_stage)
+    all_stages = by_stage[0] + by_stage[1] + by_stage[2]
+    input_gains = [all_stages] if held else list(by_stage)
     total = np.concatenate(
-        [transition, together @ constant, *(gain @ by_input for gain in of_inputs)], axis=2
+        [transition, all_stages @ constant, *(gain @ by_input for gain in input_gains)], axis=2
     )
     return total[0].real.copy(), total[1:].imag / COMPLEX_STEP
 
@@ -400,10 +400,10 @@ def _linear_functions(
     columns = {position: 1 + position for position in range(len(problem.free))}
     values = changed_parameters(problem, p, columns, increments, width)
     rows = [value[:, None] if np.ndim(value) else value for value in values]
-    found = _coefficients(problem.system, rows, width)
-    if found is None:
+    coefficients = _coefficients(problem.system, rows, width)
+    if coefficients is None:
         return None
-    rates, outputs = found
+    rates, outputs = coefficients
 
     def with_slopes(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         base = matrix[:, 0].real.copy()
@@ -442,12 +442,14 @@ def _coefficients(
             slopes = units - constant
             trial = values[..., 1 + size :]
             predicted = constant + slopes @ points[:, 1 + size :]
-            parts = [(trial - predicted, np.abs(constant) + np.abs(slopes) @ scales)]
+            differences = [(trial - predicted, np.abs(constant) + np.abs(slopes) @ scales)]
             if np.iscomplexobj(values):  # the derivatives with respect to the parameters as well
                 by_parameter = np.abs(constant.imag) + np.abs(slopes.imag) @ scales
-                parts.append((parts[0][0].imag, by_parameter))
+                differences.append((differences[0][0].imag, by_parameter))
             # also False where a value is not a number
-            if not all(np.all(np.abs(d) <= _LARGEST_DIFFERENCE * size) for d, size in parts):
+            if not all(
+                np.all(np.abs(d) <= _LARGEST_DIFFERENCE * terms) for d, terms in differences
+            ):
                 return None
             matrices.append(
                 np.concatenate([slopes[..., :n_x], constant, slopes[..., n_x:]], axis=2)

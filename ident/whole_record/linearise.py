@@ -39,9 +39,9 @@ from sim.maths import COMPLEX_STEP
 from sim.propagation import Drive
 from sim.record import Record
 
-# samples of a record over the half-width of the window in which a slope is fitted
+# number of samples of a record, divided by the half-width of the window for a slope
 SLOPE_PARTS = 60
-_FEWEST_SLOPE_SAMPLES = 12  # slopes are taken of states with more samples than this
+_FEWEST_SLOPE_SAMPLES = 12  # a state needs more samples than this for a slope
 _MEDIAN_SAMPLES = 5  # samples of the running median that is taken before slopes
 _LARGEST_GUESS = 1e12  # largest size of a state in a guessed trajectory
 
@@ -88,8 +88,8 @@ def _bias(system: System, name: str, p: Sequence[float] | np.ndarray | None) -> 
     return parameters[bias].value if p is None else float(p[parameters.index(bias)])
 
 
-# the rates of the simulated states count as linear in these states where the defect after one
-# correction is at most this share of the state
+# Largest defect after one correction, relative to the state, at which the rates of the simulated
+# states count as linear in these states.
 LARGEST_TRAJECTORY_GAP = 1e-9
 
 
@@ -223,33 +223,33 @@ def linearise(
     All columns are integrated in one batch: column 0 is the base, then each state is changed in one
     column, then each parameter that changes the motion.
     """
-    by_parameter = parameter_increments(problem)
-    inputs = inputs_with_changes(problem, p, by_parameter)
-    linear_result = linear_record(problem, p, x0, guess, inputs, by_parameter)
+    parameter_steps = parameter_increments(problem)
+    inputs = inputs_with_changes(problem, p, parameter_steps)
+    linear_result = linear_record(problem, p, x0, guess, inputs, parameter_steps)
     if linear_result is not None:
         return Linearisation(*linear_result)
-    by_state = state_increments(problem, guess)
+    state_steps = state_increments(problem, guess)
     n_x, n_p, in_dynamics = len(problem.system.states), len(problem.free), list(problem.in_dynamics)
     width = 1 + n_x + len(in_dynamics)
     columns = {position: 1 + n_x + column for column, position in enumerate(in_dynamics)}
-    X = np.empty((n_x, width, guess.shape[1] - 1), dtype=by_parameter.dtype)
+    X = np.empty((n_x, width, guess.shape[1] - 1), dtype=parameter_steps.dtype)
     X[:] = guess[:, None, :-1]
-    X[np.arange(n_x), 1 + np.arange(n_x)] += by_state[:, None]
+    X[np.arange(n_x), 1 + np.arange(n_x)] += state_steps[:, None]
     ends = interval_ends(
         problem,
         list(X),
         inputs.in_columns(columns, width),
-        changed_parameters(problem, p, columns, by_parameter, width),
+        changed_parameters(problem, p, columns, parameter_steps, width),
     )
     base = ends[:, 0].real
-    A = slopes_of(problem.exact, ends[:, 1 : 1 + n_x], base, by_state)
+    A = slopes_of(problem.exact, ends[:, 1 : 1 + n_x], base, state_steps)
     B = np.zeros((n_x, n_p, guess.shape[1] - 1))
     B[:, in_dynamics] = slopes_of(
-        problem.exact, ends[:, 1 + n_x :], base, by_parameter[in_dynamics]
+        problem.exact, ends[:, 1 + n_x :], base, parameter_steps[in_dynamics]
     )
     corrections = join_intervals(A, B, base - guess[:, 1:], problem.free_initial, x0 - guess[:, 0])
     states, sensitivity = guess + corrections[:, 0], corrections[:, 1:]
-    steps = np.concatenate([by_parameter, by_state[list(problem.free_initial)]])
+    steps = np.concatenate([parameter_steps, state_steps[list(problem.free_initial)]])
     y, jacobian = _outputs(problem, p, inputs, states, sensitivity, steps)
     return Linearisation(
         y, np.ascontiguousarray(jacobian.swapaxes(1, 2)), states, sensitivity.swapaxes(1, 2)
@@ -327,6 +327,6 @@ def _outputs(
         *(1 + position for position in problem.in_dynamics),
         *range(1 + len(problem.free), c),
     ]
-    full = sample_outputs(problem, rows_p, list(X), drive, moving_columns)
-    base = full[:, 0].real.copy()
-    return base, slopes_of(problem.exact, full[:, 1:], base, steps)
+    outputs = sample_outputs(problem, rows_p, list(X), drive, moving_columns)
+    base = outputs[:, 0].real.copy()
+    return base, slopes_of(problem.exact, outputs[:, 1:], base, steps)

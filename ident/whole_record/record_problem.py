@@ -326,13 +326,13 @@ def _all_edges(
     chosen = list(moving_columns)
     chosen_values = [value[chosen] if np.ndim(value) else value for value in p]
     chosen_drive = changed_rows(drive, lambda row: row[chosen] if np.ndim(row) == 2 else row)
-    place = np.zeros(c, dtype=int)
-    place[chosen] = np.arange(len(chosen))
+    column_of = np.zeros(c, dtype=int)
+    column_of[chosen] = np.arange(len(chosen))
     shape = (len(chosen), starts[0].shape[1])
     edges = integrate_intervals(
         problem, [row[chosen] for row in starts], chosen_drive, chosen_values
     )
-    return [[np.broadcast_to(row, shape)[place] for row in rows] for rows in edges]
+    return [[np.broadcast_to(row, shape)[column_of] for row in rows] for rows in edges]
 
 
 def _in_time_order(rows: Sequence[np.ndarray]) -> np.ndarray:

@@ -1,5 +1,5 @@
-"""Outputs of a record for many sets of parameters (trials) at once, linearised about one
-motion.
+"""Outputs of a record for many sets of parameters (trials) at once, linearised about one motion:
+the base.
 
 The trials may have a System with more states than the base. The states of the base come
 first, and the added states follow.
@@ -23,7 +23,7 @@ from ident.whole_record.record_problem import (
 )
 from sim.propagation import Drive, drive_from_record
 
-# numbers of an output computed together; more do not fit the processor's cache
+# most values of one output that are computed at once; more do not fit the processor's cache
 _LARGEST_BATCH = 60_000
 
 
@@ -87,7 +87,7 @@ def trial_outputs(
 
     Returns
     -------
-    Base outputs ``(m, N)`` and those of the trials ``(m, N, a)``.
+    Outputs of the base ``(m, N)`` and of the trials ``(m, N, a)``.
     """
     batch_size = max(1, _LARGEST_BATCH // states.shape[1])
     varied = np.flatnonzero(np.any(trials != p[:, None], axis=1))
@@ -111,7 +111,7 @@ def _outputs_of_batch(
     n_base: int,
     base: BaseMotion | None,
 ) -> tuple[np.ndarray, np.ndarray, BaseMotion]:
-    """Return the base outputs ``(m, N)``, those of a batch of trials ``(m, a, N)``, and the
+    """Return the outputs of the base ``(m, N)`` and of a batch of trials ``(m, a, N)``, and the
     motion of the base.
 
     ``varied`` are the positions of the parameters that differ from the base in any trial.
@@ -132,7 +132,7 @@ def _outputs_of_batch(
     X[:n_base] = base.states[:, None]
     if n_x > n_base:
         X[n_base:, 1:] = _added_states(problem, trials, varied, states, n_base)
-    # Alternatives that differ only in the output equation have the motion of the base.
+    # Trials that differ only in the output equation have the motion of the base.
     only_outputs = all(
         problem.system.parameters.items[index].name in problem.system.output_parameters
         for index in varied
@@ -155,8 +155,8 @@ def _outputs_of_batch(
         X[:n_base, 1:] = states[:n_base, None] + join_intervals(
             base.slopes, ends[:, 1:], ends[:, 0], (), np.zeros(n_base)
         )
-    full = sample_outputs(problem, rows, list(X), drive, range(1 + moving))
-    return full[:, 0], full[:, 1:], base
+    outputs = sample_outputs(problem, rows, list(X), drive, range(1 + moving))
+    return outputs[:, 0], outputs[:, 1:], base
 
 
 def _added_states(
@@ -169,7 +169,7 @@ def _added_states(
     """Return the trajectories ``(nx - n_base, a, K + 1)`` of the added states, driven by the motion
     of the base.
 
-    Alternatives with equal parameters of the added states share one trajectory. The result is exact
+    Trials with equal parameters of the added states share one trajectory. The result is exact
     where the rates of the added states are linear in these states.
     """
     from scipy.linalg.lapack import dtbtrs
@@ -225,14 +225,16 @@ def _parameters_of_added_states(
     x = states[:, states.shape[1] // 2] + 1e-2
     u = [0.01] * len(system.inputs)
     base = trials[:, 0].tolist()
-    reference = system.f(0.0, x.tolist(), u, base)[n_base:]
+    base_rates = system.f(0.0, x.tolist(), u, base)[n_base:]
     acting = []
     for index in varied:
-        other = list(base)
-        other[index] = base[index] + max(1e-3, 0.1 * abs(base[index]))
+        changed = list(base)
+        changed[index] = base[index] + max(1e-3, 0.1 * abs(base[index]))
         if any(
-            a != b
-            for a, b in zip(system.f(0.0, x.tolist(), u, other)[n_base:], reference, strict=True)
+            rate != base_rate
+            for rate, base_rate in zip(
+                system.f(0.0, x.tolist(), u, changed)[n_base:], base_rates, strict=True
+            )
         ):
             acting.append(int(index))
     return acting

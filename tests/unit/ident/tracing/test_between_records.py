@@ -112,7 +112,7 @@ def test_records_differ_in_rough_air_as_their_derivatives_do(
     ]
     done = fit_declared(problem_of(records[:2], [ROUGH]))
     held = held_out_data(done, records[2:])
-    fitted = done.problem.fit((ROUGH,), done.root)
+    fitted = done.problem.fit((ROUGH,), done.fitted)
     assert fitted is not None
     found = scatter_between_records(done.problem, fitted, held)
     assert set(found.inflation) == {"CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"}

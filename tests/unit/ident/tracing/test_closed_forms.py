@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
 from ident.tracing.evidence import half_normal_factor, log_mass
-from ident.tracing.scan import closed_forms
+from ident.tracing.scan import closed_form_gains
 
 
 @given(st.integers(0, 10_000), st.integers(1, 4))
@@ -20,7 +20,7 @@ def test_the_gain_is_that_of_the_dense_marginal_densities(seed: int, k: int) -> 
     rng = np.random.default_rng(seed)
     e, W = rng.normal(size=30), rng.normal(size=(30, k))
     mean, sigma = rng.normal(size=k), rng.uniform(0.2, 3.0, k)
-    (gain,), factors = closed_forms((W.T @ W)[None], (W.T @ e)[None], mean, sigma)
+    (gain,), factors = closed_form_gains((W.T @ W)[None], (W.T @ e)[None], mean, sigma)
     covariance = np.eye(30) + W @ np.diag(sigma**2) @ W.T
     with_them = multivariate_normal(W @ mean, covariance).logpdf(e)
     without = multivariate_normal(np.zeros(30), np.eye(30)).logpdf(e)
@@ -35,15 +35,15 @@ def test_places_are_weighed_alone_and_together_alike() -> None:
     W = rng.normal(size=(5, 40, 2))
     e, mean, sigma = rng.normal(size=40), np.zeros(2), np.ones(2)
     grams, sides = W.swapaxes(1, 2) @ W, W.swapaxes(1, 2) @ e
-    gains, factors = closed_forms(grams, sides, mean, sigma)
+    gains, factors = closed_form_gains(grams, sides, mean, sigma)
     for place in range(5):
-        gain, factor = closed_forms(grams[place][None], sides[place][None], mean, sigma)
+        gain, factor = closed_form_gains(grams[place][None], sides[place][None], mean, sigma)
         assert gain[0] == pytest.approx(gains[place])
         assert factor[0] == pytest.approx(factors[place])
 
 
 def test_a_column_that_explains_nothing_costs_its_occam_factor() -> None:
-    gain, _ = closed_forms(np.full((1, 1, 1), 1e4), np.zeros((1, 1)), np.zeros(1), np.ones(1))
+    gain, _ = closed_form_gains(np.full((1, 1, 1), 1e4), np.zeros((1, 1)), np.zeros(1), np.ones(1))
     assert gain[0] == pytest.approx(-0.5 * np.log(1.0 + 1e4), abs=1e-3)
 
 

@@ -23,7 +23,7 @@ from ident.tracing.loop import diagnose
 from ident.tracing.names import probabilities
 from ident.tracing.problem import TraceProblem
 from ident.tracing.search import CLEAR_GAIN, Search
-from ident.tracing.steady_search import over_scatter, quiet_vuong, vuong
+from ident.tracing.steady_search import gain_over_scatter, quiet_vuong, vuong
 from ident.whole_record.layout import FitSettings
 from sim.effects.disturbance.unmeasured_input import discrepancy_for
 from sim.effects.library import effects_for
@@ -246,7 +246,7 @@ def test_a_set_that_fits_worse_than_a_part_of_it_takes_no_part() -> None:
     """
     problem = offered([planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=2)])
     search = Search(problem, problem.candidates)
-    root, whole = search.root, problem.fit([effect(LATE)], search.declared)
+    root, whole = search.base_set, problem.fit([effect(LATE)], search.declared)
     assert whole is not None
     good = search.store(whole)
     worse = replace(whole, fit=replace(whole.fit, cost=root.fitted.fit.cost + CLEAR_GAIN + 1.0))
@@ -255,9 +255,9 @@ def test_a_set_that_fits_worse_than_a_part_of_it_takes_no_part() -> None:
         search.visited = {}
         for one in sets:
             search.visited[one.names] = one
-            search._set_aside_failed(one)
+            search._exclude_failed(one)
         assert search.best() is root and search.visited[good.names].weight == -math.inf
-        assert search.weighed_by_own_odds(search.visited[good.names]).weight == -math.inf
+        assert search.with_prior_odds(search.visited[good.names]).weight == -math.inf
     # The set is fitted again from the part, once, and takes part again.
     repaired = search.set_without(failed, "of a larger set")
     assert repaired is not None and repaired.weight == pytest.approx(good.weight, abs=0.1)
@@ -394,7 +394,7 @@ def test_z_of_few_blocks_is_rarely_large() -> None:
     rng = np.random.default_rng(4)
     for blocks in (4, 8, 60):
         draws = rng.normal(0.0, 10.0, (4000, blocks))
-        z = np.array([over_scatter(float(each.sum()), each) for each in draws])
+        z = np.array([gain_over_scatter(float(each.sum()), each) for each in draws])
         shares = [float(np.mean(z > level)) for level in (1.0, 2.0, 2.5)]
         assert shares[0] < 0.18 and shares[1] < 0.03 and shares[2] < 0.01
 

@@ -28,7 +28,7 @@ def test_a_sound_record_is_fitted_as_it_is() -> None:
     problem = problem_of([planted(seed=1)], SPIKES)
     found = fit_declared(problem)
     assert found.spikes == () and found.steps == ()
-    assert found.root.fit.cost == pytest.approx(fit_of(problem).fit.cost, abs=1e-6)
+    assert found.fitted.fit.cost == pytest.approx(fit_of(problem).fit.cost, abs=1e-6)
     np.testing.assert_array_equal(found.problem.masks[0], problem.masks[0])
 
 
@@ -53,7 +53,7 @@ def test_wrong_samples_of_an_output_are_set_aside_while_it_is_searched() -> None
     found = fit_declared(problem_of([with_output(record, "q", values)], SPIKES))
     assert np.flatnonzero(~found.problem.masks[0][1]).tolist() == [77, 320]
     assert np.all(found.problem.masks[0][[0, 2]])
-    np.testing.assert_array_equal(found.root.fit.layout.problems[0].valid, found.problem.masks[0])
+    np.testing.assert_array_equal(found.fitted.fit.layout.problems[0].valid, found.problem.masks[0])
 
 
 def test_what_cannot_be_simulated_is_refused_with_the_record_in_one_line() -> None:

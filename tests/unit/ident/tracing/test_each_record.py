@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ident.statistics.intervals import inverse_information
-from ident.tracing.between_records import of_each_record, widened_by_scatter
+from ident.tracing.between_records import parameters_by_record, widened_by_scatter
 from ident.tracing.diagnosis import Quantity
 from ident.tracing.fitted_model import FittedModel, fit_set, start_from
 from ident.tracing.problem import TraceProblem
@@ -53,7 +53,7 @@ def test_values_are_those_of_a_fit_in_which_each_record_has_its_own(
         ]
     )
     fitted = fit_of(problem, effects)
-    found = of_each_record(fitted, LAG)
+    found = parameters_by_record(fitted, LAG)
     expected = fitted_apart(problem, fitted, "sensor-lag:q.time_constant")
     assert [set(each) for each in found] == [{"time_constant"}] * 3
     for mine, theirs in zip(found, expected, strict=True):
@@ -69,18 +69,18 @@ def test_values_are_those_of_a_fit_in_which_each_record_has_its_own(
 
 def test_values_of_records_that_agree_do_so_within_their_sigmas() -> None:
     fitted = fit_of(problem_of([flown(0.06, 1.0, seed) for seed in (1, 2, 3)]), [LAG])
-    found = of_each_record(fitted, LAG)
+    found = parameters_by_record(fitted, LAG)
     away = [(each["time_constant"].value - 0.06) / each["time_constant"].std for each in found]
     assert np.max(np.abs(away)) < 4.0
 
 
 def test_one_record_says_nothing_beside_itself_and_neither_does_what_each_has_for_itself() -> None:
     alone = fit_of(problem_of([flown(0.06, 1.0, 1)]), [LAG])
-    assert of_each_record(alone, LAG) == ()
+    assert parameters_by_record(alone, LAG) == ()
     drift = SensorDrift("q", "rad/s", 5e-4)
     both = fit_of(problem_of([flown(0.06, 1.0, seed) for seed in (1, 2)]), [drift, LAG])
-    assert of_each_record(both, drift) == ()
-    assert len(of_each_record(both, LAG)) == 2
+    assert parameters_by_record(both, drift) == ()
+    assert len(parameters_by_record(both, LAG)) == 2
 
 
 def test_sigmas_of_an_effect_are_widened_where_its_values_by_record_scatter() -> None:

@@ -36,7 +36,7 @@ SHORT = 1.5  # m: what so short a boom changes hides in the noise
 
 def give_weights(search: Search, weights: Mapping[tuple[Traceable, ...], float]) -> None:
     """Leave a search with the declared model and these sets, at weights above the model's."""
-    root, weighed = search.root, {search.root.names: search.root}
+    root, weighed = search.base_set, {search.base_set.names: search.base_set}
     for effects, weight in weights.items():
         fitted = search.fit(effects, root.fitted)
         assert fitted is not None
@@ -68,7 +68,7 @@ def test_uncertain_motion_that_any_record_may_have_leaves_the_declared_model_sta
 ) -> None:
     """A clean flight was ``unexplained`` because a phugoid was neither certain nor excluded."""
     search = search_white_noise(offered([planted([], {}, seed=1)]))
-    root = search.root
+    root = search.base_set
     assert is_noise(root.fitted.fit)
     other, one = (
         replace(search.store(fitted), weight=root.weight + weight)
@@ -150,14 +150,14 @@ def test_what_brings_little_where_the_declared_model_leaves_noise_is_a_hint() ->
         for arm in (SHORT, 1.5 * SHORT)
     )
     search = search_white_noise(shorter)
-    assert is_noise(search.root.fitted.fit)
-    assert 3.0 < search.best().weight - search.root.weight < 30.0
+    assert is_noise(search.base_set.fitted.fit)
+    assert 3.0 < search.best().weight - search.base_set.weight < 30.0
     found = decide(search)
     assert found.verdict is Verdict.CONSISTENT and not found.named
     (hint,) = found.hints
     assert hint.name == ARM and "gain in likelihood" in hint.reason
     search = search_white_noise(short)
-    assert not is_noise(search.root.fitted.fit)
+    assert not is_noise(search.base_set.fitted.fit)
     assert [each.name for each in decide(search).named] == [ARM]
 
 

@@ -12,8 +12,9 @@ import pytest
 
 from ident.tracing.evidence import evidence_of, set_prior
 from ident.tracing.fitted_model import FittedModel
+from ident.tracing.linear_sets import likely_starts, most_probable_sets
 from ident.tracing.problem import TraceProblem, search_context
-from ident.tracing.scan import leads_of, prepared, starts_at, weighed_sets
+from ident.tracing.scan import leads_of, whitened_fit
 from ident.tracing.signatures import candidate_signatures
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
@@ -92,12 +93,12 @@ def found(fitted: FittedModel, *effects: Traceable) -> list[Found]:
     """Of each candidate that can act its best place, the largest gain first."""
     context = search_context(fitted)
     gains: dict[str, float] = {}
-    ready = prepared(fitted, set_prior(fitted, context))
+    whitened = whitened_fit(fitted, set_prior(fitted, context))
     for lead in leads_of(
-        fitted, ready, [*candidate_signatures(fitted, effects, context).values()], context
+        fitted, whitened, [*candidate_signatures(fitted, effects, context).values()], context
     ):
         gains[lead.effect.name] = max(gains.get(lead.effect.name, -np.inf), lead.gain)
-    places = {effect.name: starts_at(fitted, effect, context) for effect in effects}
+    places = {effect.name: likely_starts(fitted, effect, context) for effect in effects}
     best = [Found(places[name][0][0], gain, places[name][0][1][0]) for name, gain in gains.items()]
     return sorted(best, key=lambda one: -one.gain)
 
@@ -211,7 +212,7 @@ class Nowhere(UnmeasuredInput):
 
 def test_an_event_that_changes_no_output_has_no_place() -> None:
     _, root = root_of()
-    assert starts_at(root, Nowhere(), search_context(root)) == []
+    assert likely_starts(root, Nowhere(), search_context(root)) == []
     assert found(root, Nowhere()) == []
 
 
@@ -248,10 +249,12 @@ def test_a_shifted_onset_equals_its_direct_computation() -> None:
 def test_a_delay_and_a_lag_of_one_sensor_are_alike_and_two_scales_are_not() -> None:
     _, root = root_of([SensorDelay("q")], {"sensor-delay:q.delay": 0.05})
     context = search_context(root)
-    ready = prepared(root, set_prior(root, context))
+    whitened = whitened_fit(root, set_prior(root, context))
     offered = (SensorDelay("q"), SensorLag("q"), SensorScale("nz"))
-    leads = leads_of(root, ready, [*candidate_signatures(root, offered, context).values()], context)
-    _, alike = weighed_sets(ready, leads, lambda lead: 0.0, lambda one, other: True, 1)
+    leads = leads_of(
+        root, whitened, [*candidate_signatures(root, offered, context).values()], context
+    )
+    _, alike = most_probable_sets(whitened, leads, lambda lead: 0.0, lambda one, other: True, 1)
     assert alike[frozenset(("sensor-delay:q", "sensor-lag:q"))] > 0.94
     assert alike[frozenset(("sensor-delay:q", "sensor-scale:nz"))] < 0.9
 
@@ -291,7 +294,7 @@ def test_an_event_of_one_record_is_found_where_the_other_lacks_it(which: int) ->
     }
     records = [planted([effect], values, 1), planted(seed=2)]
     root = fit_of(problem_of(records if which == 0 else records[::-1]))
-    places = starts_at(root, effect, search_context(root))
+    places = likely_starts(root, effect, search_context(root))
     start, other = places[0][1][which], places[0][1][1 - which]
     assert abs(start["unmeasured-input.start"] - 4.3) < 0.3
     assert start["unmeasured-input.moment"] > 0.002

@@ -166,7 +166,7 @@ def test_noise_is_shown_under_a_slow_residual() -> None:
         with_output(record, "q", record["q"].values + 0.04 * np.sin(0.4 * record.time))
         for record in (planted([], None, 1), planted([], None, 2))
     ]
-    root = fit_declared(problem_of(records, [])).root
+    root = fit_declared(problem_of(records, [])).fitted
     shown = noise_shown(root.fit, "q")
     assert shown is not None and np.sqrt(root.fit.variance[1]) > 5.0 * shown
     assert shown == pytest.approx(0.002, rel=0.3)  # as the model declares it
