@@ -75,7 +75,7 @@ def figures_of(path: Path) -> list[str]:
     found = [
         text_of(call.args[1])
         for call in calls(ast.parse(path.read_text(encoding="utf-8")))
-        if name_of(call) == "plotted" and len(call.args) > 1
+        if name_of(call) == "interactive_figure" and len(call.args) > 1
     ]
     return list(dict.fromkeys(found))
 
