@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.flying_qualities.attitude_criteria import PilotDemand
+from ident.flying_qualities.pilot_in_loop import PilotDemand
 from ident.frequency_response import (
     LEAST_COHERENCE,
     FrequencyResponses,
