@@ -20,13 +20,12 @@ from ident.flying_qualities.attitude_criteria import (
     pitch_bandwidth_level,
     pitch_overshoot,
 )
+from ident.flying_qualities.fitted_forms import form_levels, form_qualities
 from ident.flying_qualities.levels import (
     CATEGORIES,
     CLASSES,
     Quality,
     QualityLevel,
-    form_levels,
-    form_qualities,
 )
 from ident.flying_qualities.pilot_in_loop import (
     LARGEST_DROOP,

@@ -387,7 +387,7 @@ IDENT = (
         ("- p[DELAY]", "+ p[DELAY]"),
     ),
     *changes(
-        "ident/flying_qualities/levels.py",
+        "ident/flying_qualities/fitted_forms.py",
         ("tests/unit/ident/flying_qualities/test_fitted_forms.py",),
         (
             "** 2 * inverse_time / p",
