@@ -46,7 +46,7 @@ ONCE_UNNOTICED = (
         ("and found.record.inputs\n", ""),
         ("and request.plan.hold is None", ""),
         ("request.plan.hold is None", "request.plan.hold is not None"),
-        (" and not any(file.sidecar.says_hold for file in files)", ""),
+        (" and not any(file.sidecar.states_hold for file in files)", ""),
         ("not any(file.sidecar", "not all(file.sidecar"),
         ("not any(file.sidecar", "any(file.sidecar"),
         ("replace(options, profile=None)", "options"),
