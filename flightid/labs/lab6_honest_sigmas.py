@@ -196,14 +196,14 @@ def _(asked, figure_residual, lab, mo, page, residuals):
 
 @app.cell
 def _(close, lab, page):
+    _numbers = lab.key_numbers
     questions = {
         "honest": page.Question(
             "Sliders as at first (50 runs). By how many per cent does the reported sigma of C_mα "
             "differ from the Cramér-Rao bound?",
             page.number_field("%"),
             lambda value: (
-                abs(abs(value) - abs(100 * (lab.key_numbers()["sigma over bound of Cm_alpha"] - 1)))
-                <= 1.5
+                abs(abs(value) - abs(100 * (_numbers()["sigma over bound of Cm_alpha"] - 1))) <= 1.5
             ),
             "Divide `reported sigma` by `Cramér-Rao, sensors alone`.",
             "By less than 2 %: this estimator is efficient, and its sigmas are honest. (The sigma "
@@ -229,9 +229,7 @@ def _(close, lab, page):
             "Back to 1. Let process noise of 0.1 act that the filter does not assume. How many times "
             "its reported sigma is the scatter of C_mδe?",
             page.number_field("times"),
-            lambda value: close(
-                value, lab.key_numbers(acting=0.1)["scatter over sigma of Cm_de"], 0.1
-            ),
+            lambda value: close(value, _numbers(acting=0.1)["scatter over sigma of Cm_de"], 0.1),
             "The column `scatter / reported`.",
             "The autocorrelation of the residual shows why: the residual is coloured. The same holds for "
             "measured records even in calm air, since every model is incomplete.",
@@ -241,8 +239,7 @@ def _(close, lab, page):
             "per cent of the 2-sigma intervals of all six derivatives contain the true value?",
             page.number_field("%"),
             lambda value: (
-                abs(value - lab.key_numbers(acting=0.1, method="output error")["within 2 sigma"])
-                <= 3
+                abs(value - _numbers(acting=0.1, method="output error")["within 2 sigma"]) <= 3
             ),
             "The line under the table.",
             "With the Kalman filter it was 41 %; 90 % is far better, but not yet 95 %. The "
@@ -255,8 +252,8 @@ def _(close, lab, page):
             page.number_field("times"),
             lambda value: close(
                 value,
-                lab.key_numbers(acting=0.1)["scatter of CL_q"]
-                / lab.key_numbers(acting=0.1, told=0.1)["scatter of CL_q"],
+                _numbers(acting=0.1)["scatter of CL_q"]
+                / _numbers(acting=0.1, told=0.1)["scatter of CL_q"],
                 0.1,
             ),
             "Divide the scatter of CL_q at 0 assumed by the one at 0.1 assumed.",

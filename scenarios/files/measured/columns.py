@@ -49,7 +49,7 @@ class SourceColumn:
     header : header cell of the column in the file.
     index : index of the column in the table.
     unit : unit of the numbers in the column; for the stick a label that is not converted.
-    inside : SI unit of the channel in the program; empty if ``unit`` is a label.
+    target_unit : SI unit to which the column is converted; empty if ``unit`` is a label.
     """
 
     channel: str
