@@ -386,7 +386,7 @@ def _sidecar_of(content: Mapping[str, Any], path: Path) -> Sidecar:
             raise RecordError(what, where=f"{path}, key schema", remedy=remedy)
         return Sidecar()
     if schema != SCHEMA:
-        what, remedy = f"the schema {schema!r} is unknown", f"write the record again as {SCHEMA}"
+        what, remedy = f"schema {schema!r} is not known", f"write the record again as {SCHEMA}"
         raise RecordError(what, where=f"{path}, key schema", remedy=remedy)
     for key in content:
         if key not in KEYS:
