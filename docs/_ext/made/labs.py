@@ -46,7 +46,7 @@ def lab_page(number: int, path: Path) -> str:
             match name_of(call):
                 case "heading":
                     head = f"# Lab {number}. {words[1]}\n\n**Aim.** {plain(words[2])}\n"
-                case "sketch":
+                case "aircraft_sketch":
                     parts.append("![Axes, angles, rates and their signs](../../axes.svg)\n")
                 case "md" if words and re.match(r"\s*## .*\n", words[0].strip()):
                     parts.append(below(plain(words[0])))
