@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from sim.declaration.model import System
-from sim.declaration.user_equations import WatchedTime
+from sim.declaration.user_arguments import WatchedTime
 from sim.errors import ModelError
 from sim.maths import COMPLEX_STEP, rows_into
 from sim.propagation import Drive

@@ -14,7 +14,7 @@ LARGEST_NUMBER = 1e100  # largest number whose squares and sums are finite
 
 
 class Outcome(Enum):
-    """Outcome of an estimation. The value of a member is the sentence that is printed."""
+    """Outcome of an estimation. The value of each member is the sentence that reports print."""
 
     CONVERGED = "converged"
     AT_BOUND = "converged; a parameter is at its bound and has no sigma"
@@ -38,27 +38,25 @@ class Outcome(Enum):
         return _HINTS.get(self.name, "")
 
 
+_BETTER_START = (
+    "start nearer to the solution: copy the values of --method equation-error into the vehicle "
+    "file, or fit a shorter part of the record with --from and --to"
+)
 _HINTS = {
     "AT_BOUND": (
-        "it is held there, and sigmas are those of the others: widen [bounds] where the bound is a "
-        "guess, or look for what the model lacks"
+        "it is held at the bound, and the other sigmas do not include its error: widen [bounds] "
+        "if the bound is a guess, or look for an effect that the model lacks"
     ),
-    "MAX_ITERATIONS": (
-        "begin nearer: take the values of --method equation-error into the vehicle file, or a "
-        "shorter part with --from and --to"
-    ),
-    "DIVERGED": (
-        "begin nearer: take the values of --method equation-error into the vehicle file, or a "
-        "shorter part with --from and --to"
-    ),
+    "MAX_ITERATIONS": _BETTER_START,
+    "DIVERGED": _BETTER_START,
     "INDEFINITE": (
-        "use --method output-error, which has no covariance to lose, and works on a record "
+        "use --method output-error, which needs no state covariance, and works on a record "
         "without noise"
     ),
-    "NOT_IDENTIFIABLE": "excite in flight what is not determined, or hold that parameter",
+    "NOT_IDENTIFIABLE": "fly a maneuver that excites the undetermined parameters, or fix them",
     "DEGENERATE": (
-        "compare with --method output-error and equation-error, and look whether a channel is "
-        "computed, filtered or stuck"
+        "compare with --method output-error and equation-error, and check whether a channel is "
+        "computed from others, filtered or constant"
     ),
 }
 
@@ -73,15 +71,18 @@ class FilterHistory:
     names : names of the n states, then of the free parameters.
     mean, std : ``(n, N)`` estimates and standard deviations after each update.
     innovation, innovation_std : ``(m, N)`` measured minus predicted output, and its standard
-        deviation; zero and one where a sample is missing.
+        deviation. Where a sample is missing, the innovation is zero and the deviation one.
     valid : ``(m, N)`` False where a sample is missing.
     log_likelihood : ``(N,)`` log likelihood of each sample given the samples before.
-    nis, degrees : ``(N,)`` normalised innovation squared, and the number of channels in it.
-    predicted_mean, predicted_covariance : ``(n, N)`` and ``(N, n, n)`` before each update.
-    covariance : ``(N, n, n)`` after each update.
+    nis, degrees : ``(N,)`` normalised innovation squared, and its degrees of freedom: the number of
+        channels with a valid sample.
+    predicted_mean, predicted_covariance : ``(n, N)`` and ``(N, n, n)`` estimates and their
+        covariance before each update.
+    covariance : ``(N, n, n)`` covariance of the estimates after each update.
     transition : ``(N, n, n)`` fundamental matrix from sample k - 1 to sample k.
     sensitivity : ``(N, m, n)`` Jacobian of the outputs; rows of missing samples are zero.
-    innovation_covariance : ``(N, m, m)``; rows of missing samples are those of the unit matrix.
+    innovation_covariance : ``(N, m, m)``; the rows of missing samples are those of the identity
+        matrix.
     """
 
     time: np.ndarray
@@ -122,8 +123,8 @@ class Estimate:
         residuals of a whole-record fit.
     output_names, noise_std : names of the m outputs, and ``(m,)`` standard deviations of their
         noise, assumed or estimated.
-    fitted : ``(m, N)`` fitted outputs of each record. Of a filter they are predictions from the
-        samples before, constant after the last finite sample if it failed.
+    fitted : ``(m, N)`` fitted outputs of each record. A filter's fitted outputs are its one-step
+        predictions. After a breakdown of the filter, the last finite prediction is repeated.
     history : history of a filter; None for whole-record methods.
     iterations : number of passes over the data.
     message : further remark on the outcome; usually empty.
@@ -169,15 +170,14 @@ class Estimate:
         return float(self.std[self.names.index(name)])
 
     def only(self, names: Collection[str]) -> Estimate:
-        """Return the estimate of the parameters ``names`` only."""
-        at = [i for i, name in enumerate(self.names) if name in names]
-        kept, units = tuple(self.names[i] for i in at), tuple(self.units[i] for i in at)
+        """Return this estimate without the parameters that are not in ``names``."""
+        positions = [i for i, name in enumerate(self.names) if name in names]
         return replace(
             self,
-            names=kept,
-            units=units,
-            values=self.values[at],
-            covariance=self.covariance[np.ix_(at, at)],
+            names=tuple(self.names[i] for i in positions),
+            units=tuple(self.units[i] for i in positions),
+            values=self.values[positions],
+            covariance=self.covariance[np.ix_(positions, positions)],
         )
 
     def as_dict(self) -> dict[str, float]:
@@ -187,8 +187,8 @@ class Estimate:
 
 @contextmanager
 def quiet_numerics() -> Iterator[None]:
-    """Suppress warnings of overflow and of ill-conditioned matrices. The caller must test the
-    result with ``ident.filters.problem.breakdown``.
+    """Suppress warnings of overflow and of ill-conditioned matrices inside a ``with`` block. The
+    caller must then test the result with ``ident.filters.problem.breakdown``.
     """
     from scipy.linalg import LinAlgWarning
 
@@ -199,9 +199,9 @@ def quiet_numerics() -> Iterator[None]:
 
 @contextmanager
 def overflow_tolerated() -> Iterator[None]:
-    """Suppress the NumPy warnings of a computation that handles overflows itself.
+    """Suppress the NumPy warnings inside a ``with`` block whose code handles overflows itself.
 
-    A caller that counts overflows by ``np.errstate(call=...)`` still receives them.
+    An enclosing ``np.errstate(call=...)``, which counts overflows, still receives them.
     """
     with np.errstate(all="ignore" if np.geterrcall() is None else "call", under="ignore"):
         yield

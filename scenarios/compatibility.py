@@ -23,7 +23,7 @@ from scenarios.files.measured.columns import (
     all_simulated,
     identities,
     read_record_files,
-    refuse_twice,
+    refuse_duplicates,
     with_names,
 )
 from scenarios.files.sources import InputFile
@@ -134,7 +134,7 @@ def check_files(request: Request) -> CompatibilityCheck:
     ------
     FlightidError : anything in the files that keeps them from being used.
     """
-    refuse_twice(request.records)
+    refuse_duplicates(request.records)
     beside = vehicle_next_to(request.records[0]) if request.vehicle is None else None
     chosen = request.vehicle if request.vehicle is not None else beside
     declared = read_any_vehicle(chosen) if chosen is not None else None

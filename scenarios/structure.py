@@ -24,7 +24,7 @@ from ident.structure.products import TermColumns, columns_of, noise_columns
 from ident.structure.selection import ORTHOGONAL, STEPWISE, Selection, select
 from scenarios.files.aircraft_files import AXES, read_aircraft
 from scenarios.files.declarations import closest, read_toml_source, toml_of
-from scenarios.files.measured.columns import RecordFile, read_record_files, refuse_twice
+from scenarios.files.measured.columns import RecordFile, read_record_files, refuse_duplicates
 from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import VEHICLE_FILE_NAME, with_plain_terms
 from scenarios.preparation.declared_model import (
@@ -150,13 +150,13 @@ def structure_of_files(request: Request, options: StructureOptions) -> FoundStru
             )
     source = with_plain_terms(read_toml_source(given))
     aircraft, _ = read_aircraft(source)
-    refuse_twice((*request.records, *request.validate))
+    refuse_duplicates((*request.records, *request.validate))
     sources = read_record_files(request.records)
     fitted, notes = _prepared(sources, aircraft, request)
     refuse_other_units(fitted, aircraft)
     if options.terms is None:
         refuse_moving_together(fitted, aircraft, [separate_controls(aircraft)])
-    open_hold = request.plan.hold is None and not any(each.sidecar.says_hold for each in sources)
+    open_hold = request.plan.hold is None and not any(each.sidecar.states_hold for each in sources)
     if open_hold:
         hold, sentence = hold_of_inputs(fitted, aircraft, options.bandwidth)
         fitted, notes = tuple(with_hold(fitted, hold)), (*notes, *sentence)
@@ -167,7 +167,7 @@ def structure_of_files(request: Request, options: StructureOptions) -> FoundStru
         return found
     whole = replace(request, plan=replace(request.plan, segments=WHOLE, chosen=()))
     records, further = _prepared(left_out, aircraft, whole)
-    if open_hold and not any(each.sidecar.says_hold for each in left_out):
+    if open_hold and not any(each.sidecar.states_hold for each in left_out):
         records = tuple(with_hold(records, hold))
     predicted = predicted_r2(found, records)
     return replace(found, predicted=predicted, notes=(*notes, *further))

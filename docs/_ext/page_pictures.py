@@ -31,10 +31,10 @@ def of_labs() -> Iterator[tuple[str, Figure]]:
         drawn[told] = figure
         return shown(figure, told)
 
-    shown = page.plotted
+    shown = page.interactive_figure
     for number, path in notebooks().items():
         drawn.clear()
-        with patch.object(page, "plotted", keep):
+        with patch.object(page, "interactive_figure", keep):
             runpy.run_path(str(path))["app"].run()
         for at, told in enumerate(figures_of(path), 1):
             if told in drawn:

@@ -96,21 +96,21 @@ def _(mo, page):
 
 @app.cell
 def _(controls, figure_ballistic_coefficient, lab, mo, page, seed, study):
-    _figure = page.plotted(
+    _figure = page.interactive_figure(
         figure_ballistic_coefficient(
             {"Kalman filter, last pass": lab.history_of(study)},
             study.truth.parameters["beta"].value,
         ),
         "estimate of beta over time with its band of two standard deviations, and its error",
     )
-    mo.vstack([mo.md("## Try it"), page.beside([page.sliders(controls), seed], _figure)])
+    mo.vstack([mo.md("## Try it"), page.with_controls([page.sliders(controls), seed], _figure)])
     return
 
 
 @app.cell
 def _(command, controls, lab, mo, page, seed):
     asked = lab.changes(**controls.value)
-    with page.computing():
+    with page.progress_message():
         study = lab.study(asked, seed.value)
     _row = study.main.rows[0]
     _unit = lab.POUND_PER_SQUARE_FOOT
@@ -134,7 +134,7 @@ def _(command, controls, lab, mo, page, seed):
 def _(figure_trajectory, lab, mo, page, study):
     mo.accordion(
         {
-            "The fall itself: altitude and velocity": page.plotted(
+            "The fall itself: altitude and velocity": page.interactive_figure(
                 figure_trajectory(
                     study.record, {"Kalman filter": lab.history_of(study)}, study.truth
                 ),
@@ -186,7 +186,7 @@ def _(asked, command, lab, mo, page, runs):
 
 @app.cell
 def _(close, lab, page):
-    _at = lab.numbers()
+    _at = lab.key_numbers()
     questions = {
         "altitude": page.Question(
             "With the sliders as they were (start 800 ± 300, one pass, 25 ft): how high is the "
@@ -211,7 +211,7 @@ def _(close, lab, page):
             "Make the radar four times worse (100 ft). By what factor does the *reported* sigma of "
             "β grow?",
             page.number_field("times"),
-            lambda value: close(value, lab.numbers(noise=100.0)["sigma"] / _at["sigma"], 0.06),
+            lambda value: close(value, lab.key_numbers(noise=100.0)["sigma"] / _at["sigma"], 0.06),
             "Divide the sigma at 100 ft by the one at 25 ft.",
             "Nearly in proportion to the noise: the reported sigma is noise over sensitivity. It "
             "does not contain the error of linearisation.",
@@ -229,14 +229,14 @@ def _(close, lab, page):
         ),
         "worse": page.Question(
             "Start 800 again, one pass. Which prior gives the larger bias in sigmas?",
-            page.choice(["a wide one: 800 ± 300", "a narrow one: 800 ± 30"]),
+            page.multiple_choice(["a wide one: 800 ± 300", "a narrow one: 800 ± 30"]),
             lambda value: value == lab.worse_prior(),
             "Try both, and read the mean error in the table of many falls.",
             "By a prior of 800 ± 30 the true value of 500 is ten standard deviations away. The "
             "reported sigma at the end is nearly the same for both priors, so it gives no warning.",
         ),
     }
-    answers = page.fields(questions)
+    answers = page.answer_fields(questions)
     return answers, questions
 
 

@@ -31,7 +31,7 @@ def _(page):
 
 @app.cell
 def _(page):
-    page.sketch()
+    page.aircraft_sketch()
     return
 
 
@@ -94,7 +94,7 @@ def _(lab, mo, page):
 
 @app.cell
 def _(controls, figure_input_spectrum, mo, page, seed, study):
-    _figure = page.plotted(
+    _figure = page.interactive_figure(
         figure_input_spectrum(
             study.record.time,
             study.record["elevator"].values,
@@ -103,14 +103,14 @@ def _(controls, figure_input_spectrum, mo, page, seed, study):
         ),
         "the elevator over time, and its spectrum with the frequency of the short period marked",
     )
-    mo.vstack([mo.md("## Try it"), page.beside([page.sliders(controls), seed], _figure)])
+    mo.vstack([mo.md("## Try it"), page.with_controls([page.sliders(controls), seed], _figure)])
     return
 
 
 @app.cell
 def _(command, controls, lab, mo, page, seed, sigmas_off):
     asked = lab.changes(**controls.value)
-    with page.computing():
+    with page.progress_message():
         study = lab.study(asked, seed.value)
     _derived = study.main.derived
     _rows = [
@@ -163,7 +163,7 @@ def _(command, controls, lab, mo, page, seed, sigmas_off):
 def _(figure_record, mo, page, study):
     mo.accordion(
         {
-            "The record": page.plotted(
+            "The record": page.interactive_figure(
                 figure_record(study.record), "elevator, angle of attack and pitch rate over time"
             )
         }
@@ -190,7 +190,7 @@ def _(close, lab, page):
             to the nearest value
             and compare the sigmas with those of a doublet of 0.5 s.)""",
             page.number_field("s"),
-            lambda value: close(value, lab.tuned_doublet(lab.numbers()["frequency"]), 0.03),
+            lambda value: close(value, lab.tuned_doublet(lab.key_numbers()["frequency"]), 0.03),
             "Read the natural frequency below the table, in rad/s.",
             "Input power near the frequency of the short period gives the most information.",
         ),
@@ -207,7 +207,7 @@ def _(close, lab, page):
         "alone": page.Question(
             "Use α alone (3-2-1-1, 6 deg, 0.5 s, 100 samples a second). Which numbers are still "
             "known to better than 0.2 %?",
-            page.choice(
+            page.multiple_choice(
                 ["C_Lα and C_mq", "natural frequency and damping ratio", "C_Lq alone", "none"]
             ),
             lambda value: value == "natural frequency and damping ratio",
@@ -218,7 +218,7 @@ def _(close, lab, page):
         "rate": page.Question(
             "Use both outputs again, at 25 samples a second: the error of C_mα is 18 sigmas. At 20 "
             "samples a second it is less than one. What is wrong at 25?",
-            page.choice(
+            page.multiple_choice(
                 [
                     "25 Hz is too slow for a short period of 2 rad/s",
                     "switches of the elevator at odd multiples of 0.5 s fall between two samples, so "
@@ -234,7 +234,7 @@ def _(close, lab, page):
             "how much your own sensors are late?",
         ),
     }
-    answers = page.fields(questions)
+    answers = page.answer_fields(questions)
     return answers, questions
 
 

@@ -42,7 +42,7 @@ def _(page):
 
 @app.cell
 def _(page):
-    page.sketch()
+    page.aircraft_sketch()
     return
 
 
@@ -111,13 +111,13 @@ def _(lab, mo, page):
 
 @app.cell
 def _(controls, figure_residual, lab, mo, page, residuals, study):
-    _figure = page.plotted(
+    _figure = page.interactive_figure(
         figure_residual(
             study.record.time,
             residuals(study),
             {channel.name: channel.unit for channel in study.record.outputs},
             study.truth.noise_std,
-            lab.marks(controls.value["factor"]),
+            lab.mode_frequencies(controls.value["factor"]),
         ),
         "innovations of angle of attack and pitch rate over time, their power spectra with the "
         "elastic modes marked, and their autocorrelation",
@@ -125,7 +125,7 @@ def _(controls, figure_residual, lab, mo, page, residuals, study):
     mo.vstack(
         [
             mo.md("## Try it"),
-            page.beside(
+            page.with_controls(
                 [
                     page.sliders(controls),
                     mo.md(
@@ -133,7 +133,7 @@ def _(controls, figure_residual, lab, mo, page, residuals, study):
                         "Schmidt, J. Aircraft 25(6), 1988; `flightid vehicles bomber_ac1` lists its "
                         "numbers and their origins). At 0.5 all its modes are half as fast, and "
                         "the structure is a quarter as stiff.\n\nThe process noise acts on pitch "
-                        f"rate. With any value above 0, the filter also adds {lab.OF_ALPHA.replace('^2', '²')} "
+                        f"rate. With any value above 0, the filter also adds {lab.ALPHA_PROCESS_NOISE.replace('^2', '²')} "
                         "to angle of attack."
                     ),
                 ],
@@ -147,7 +147,7 @@ def _(controls, figure_residual, lab, mo, page, residuals, study):
 @app.cell
 def _(command, controls, lab, mo, page, sigmas_off):
     asked = lab.changes(**controls.value)
-    with page.computing():
+    with page.progress_message():
         study = lab.study(asked)
     _rows = [
         [
@@ -161,7 +161,7 @@ def _(command, controls, lab, mo, page, sigmas_off):
         ]
         for row in study.main.rows
     ]
-    _tests = page.tests_of(study.main.tests)
+    _tests = page.residual_tests(study.main.tests)
     mo.vstack(
         [
             page.table(
@@ -179,7 +179,7 @@ def _(command, controls, lab, mo, page, sigmas_off):
             mo.md(
                 f"Natural frequency of the short period {study.main.derived['natural_frequency'][0]:.3f} "
                 "rad/s; lowest elastic mode in vacuo "
-                f"{lab.marks(controls.value['factor'])[0]:.2f} rad/s. "
+                f"{lab.mode_frequencies(controls.value['factor'])[0]:.2f} rad/s. "
                 f"Tests of the innovations: {_tests}."
             ),
             page.command_line(command("run", lab.SCENARIO, asked)),
@@ -198,7 +198,7 @@ def _(EquivalentRow, figure_equivalents, mo, page, study):
     ]
     mo.accordion(
         {
-            "Rigid, condensed and estimated derivatives as a figure": page.plotted(
+            "Rigid, condensed and estimated derivatives as a figure": page.interactive_figure(
                 figure_equivalents(_rows), "rigid, condensed and estimated derivatives"
             )
         }
@@ -212,8 +212,8 @@ def _(close, lab, page):
         "nearer": page.Question(
             "Factor 1, no process noise. Is the estimate of C_mα nearer to the rigid aircraft's "
             "value or to the condensed one?",
-            page.choice(["rigid", "condensed"]),
-            lambda value: value == lab.nearer(),
+            page.multiple_choice(["rigid", "condensed"]),
+            lambda value: value == lab.nearer_reference(),
             "Compare the third column of numbers with the first two.",
             "A rigid model absorbs the bending that follows the loads at once. The record of this "
             "aircraft does not show the value of the rigid aircraft.",
@@ -222,14 +222,14 @@ def _(close, lab, page):
             "By how many per cent is the estimated static stability (C_mα) smaller "
             "than that of the rigid aircraft?",
             page.number_field("%"),
-            lambda value: close(value, lab.numbers()["Cm_alpha lost, %"], 0.05),
+            lambda value: close(value, lab.key_numbers()["Cm_alpha lost, %"], 0.05),
             "The column `estimate minus rigid`, without its sign.",
             "Bending takes away part of the static stability. With the factor at 0.5 it takes away 71 %.",
         ),
         "worst": page.Question(
             "Which derivative has the largest error in sigmas (estimate minus condensed value)?",
-            page.choice(["CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"]),
-            lambda value: value == lab.worst(),
+            page.multiple_choice(["CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"]),
+            lambda value: value == lab.worst_derivative(),
             "The last column.",
             "The lag of the structure acts like negative damping: C_mq is -31.2 instead of -33.1. "
             "The error is only 6 % of the value, but 23 sigmas: the sigmas contain the sensor "
@@ -239,7 +239,7 @@ def _(close, lab, page):
             "Lower the factor of the modal frequencies: 4, 3, 2, 1.5, 1. At which of these does a "
             "test of the innovations fail for the first time?",
             page.number_field("factor"),
-            lambda value: value == lab.first_seen(),
+            lambda value: value == lab.first_rejected_factor(),
             "The line under the table has the tests.",
             "At 2 every test passes, although the error of C_mq is already 3.4 sigmas: the tests "
             "do not see a bias of this size.",
@@ -248,7 +248,7 @@ def _(close, lab, page):
             "Factor 1 again. What is the least process noise on the slider with which all tests "
             "pass?",
             page.number_field("(deg/s)²/s"),
-            lambda value: value == lab.enough_noise(),
+            lambda value: value == lab.least_sufficient_density(),
             "Move the second slider step by step.",
             "All tests pass, and the error of C_mq is still three sigmas, since the missing force "
             "follows the elevator. From 0.6 on the test of q fails again: the filter now follows "
@@ -256,7 +256,7 @@ def _(close, lab, page):
         ),
         "mends": page.Question(
             "What has the process noise corrected?",
-            page.choice(
+            page.multiple_choice(
                 [
                     "the model",
                     "the estimates, which are now the rigid aircraft's",
@@ -271,7 +271,7 @@ def _(close, lab, page):
             "`flightid run flexible-ac1-first-mode`.",
         ),
     }
-    answers = page.fields(questions)
+    answers = page.answer_fields(questions)
     return answers, questions
 
 

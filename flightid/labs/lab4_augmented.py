@@ -31,7 +31,7 @@ def _(page):
 
 @app.cell
 def _(page):
-    page.sketch()
+    page.aircraft_sketch()
     return
 
 
@@ -93,7 +93,7 @@ def _(lab, mo, page):
 
 @app.cell
 def _(controls, figure_fit, mo, page, response_of, seed, study):
-    _figure = page.plotted(
+    _figure = page.interactive_figure(
         figure_fit(
             study.found.record,
             [response_of(study.found.estimate, "equivalent system")],
@@ -109,7 +109,7 @@ def _(controls, figure_fit, mo, page, response_of, seed, study):
     mo.vstack(
         [
             mo.md("## Try it"),
-            page.beside(
+            page.with_controls(
                 [
                     page.sliders(controls),
                     seed,
@@ -129,7 +129,7 @@ def _(controls, figure_fit, mo, page, response_of, seed, study):
 @app.cell
 def _(command, controls, lab, mo, page, seed):
     asked = lab.changes(**controls.value)
-    with page.computing():
+    with page.progress_message():
         study = lab.study(asked, seed.value)
     _loop = study.of_loop
     _rows = [
@@ -149,7 +149,7 @@ def _(command, controls, lab, mo, page, seed):
         f"{level.level}"
         for level in study.levels
     )
-    _tests = page.tests_of(study.found.tests)
+    _tests = page.residual_tests(study.found.tests)
     mo.vstack(
         [
             mo.md(
@@ -208,7 +208,7 @@ def _(command, controls, lab, mo, page, seed):
 
 @app.cell
 def _(figure_bode, lab, np, page, study):
-    page.plotted(
+    page.interactive_figure(
         figure_bode(
             np.geomspace(0.3, 30.0, 200),
             lab.responses(study, np.geomspace(0.3, 30.0, 200)),
@@ -225,7 +225,7 @@ def _(close, lab, page):
         "doubles": page.Question(
             "Airframe F without its control law (the computer has stopped): in what time does a disturbance double, in ms?",
             page.number_field("ms"),
-            lambda value: close(value, 1000 * lab.numbers()["doubles in"], 0.03),
+            lambda value: close(value, 1000 * lab.key_numbers()["doubles in"], 0.03),
             "Read the line above the table; it is in seconds.",
             "Less than a third of a second is too fast for a pilot. Nevertheless the record shows "
             "a stable aircraft.",
@@ -233,7 +233,7 @@ def _(close, lab, page):
         "sign": page.Question(
             "M_α of the airframe is positive. How large is M_α of the equivalent system, in 1/s²?",
             page.number_field("1/s²"),
-            lambda value: close(value, lab.numbers()["M_alpha"], 0.05),
+            lambda value: close(value, lab.key_numbers()["M_alpha"], 0.05),
             "The first column of numbers, with its sign.",
             "The control law provides the static stability. A record of stick and "
             "response alone does not determine the airframe: for that the deflections of the "
@@ -242,7 +242,7 @@ def _(close, lab, page):
         "level": page.Question(
             "Which Level does the equivalent *delay* of airframe F have in MIL-F-8785C? Take the delay "
             "alone, without the lag.",
-            page.choice(["Level 1", "Level 2", "Level 3"]),
+            page.multiple_choice(["Level 1", "Level 2", "Level 3"]),
             lambda value: value == lab.level_of_delay(),
             "Read the delay in the table; its bounds are in the theory.",
             "Damping ratio, natural frequency and CAP are all of Level 1. The pilot will complain about the delay.",
@@ -250,7 +250,7 @@ def _(close, lab, page):
         "trade": page.Question(
             "Set the unit of the 3-2-1-1 to 0.2, 0.5 and 1.0 s. Which of these changes least, in per "
             "cent of its value?",
-            page.choice(["inv_tau", "M_q", "delay and lag together", "M_alpha"]),
+            page.multiple_choice(["inv_tau", "M_q", "delay and lag together", "M_alpha"]),
             lambda value: value == lab.most_constant(),
             "Write the four numbers down at each of the three units.",
             "The record determines the sum well and its parts poorly. The same holds "
@@ -266,7 +266,8 @@ def _(close, lab, page):
                 100
                 * (
                     1
-                    - lab.numbers(dead_band=0.4)["M_delta"] / lab.numbers(dead_band=0.0)["M_delta"]
+                    - lab.key_numbers(dead_band=0.4)["M_delta"]
+                    / lab.key_numbers(dead_band=0.0)["M_delta"]
                 ),
                 0.05,
             ),
@@ -278,13 +279,13 @@ def _(close, lab, page):
         "order": page.Question(
             "Dead band 0.05 in again. Take the sensor noise away. How many tests of the residual fail now?",
             page.number_field("tests"),
-            lambda value: value == lab.numbers(noise=False)["tests failed"],
+            lambda value: value == lab.key_numbers(noise=False)["tests failed"],
             "Clear the box `sensors are noisy` and count in the line below the table.",
             "Eight parameters do not describe thirty states; the sensor noise concealed the "
             "difference. A model is good enough for a purpose and for a level of noise.",
         ),
     }
-    answers = page.fields(questions)
+    answers = page.answer_fields(questions)
     return answers, questions
 
 

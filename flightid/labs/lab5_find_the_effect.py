@@ -31,7 +31,7 @@ def _(page):
 
 @app.cell
 def _(page):
-    page.sketch()
+    page.aircraft_sketch()
     return
 
 
@@ -88,7 +88,7 @@ def _(figure_record, lab, mo, page, seed):
         [
             mo.md("## 1. The record"),
             seed,
-            page.plotted(
+            page.interactive_figure(
                 figure_record(flown.train),
                 "elevator, angle of attack, pitch rate and load factor over time",
             ),
@@ -99,7 +99,7 @@ def _(figure_record, lab, mo, page, seed):
 
 @app.cell
 def _(figure_residual, flown, lab, mo, np, page, seed):
-    with page.computing():
+    with page.progress_message():
         _found = lab.fitted(seed.value)
     _residuals = lab.residuals(seed.value)
     _rows = [
@@ -113,7 +113,7 @@ def _(figure_residual, flown, lab, mo, np, page, seed):
     mo.vstack(
         [
             mo.md("## 2. The residual of the rigid model"),
-            page.plotted(
+            page.interactive_figure(
                 figure_residual(
                     flown.train.time,
                     _residuals,
@@ -128,10 +128,10 @@ def _(figure_residual, flown, lab, mo, np, page, seed):
             ),
             mo.accordion(
                 {
-                    "The fit itself": page.plotted(
+                    "The fit itself": page.interactive_figure(
                         _found.plot.fit(), "measured and fitted outputs"
                     ),
-                    "Another record, predicted": page.plotted(
+                    "Another record, predicted": page.interactive_figure(
                         _found.plot.held_out(),
                         "a record that was not fitted, measured and predicted",
                     ),
@@ -193,9 +193,9 @@ def _(flown, get_locked, lab, mo, page, seed):
         for name in found.error_before
     ]
     _effects = [
-        f"- **{page.plain(effect.name)}**: {page.plain(effect.sentence)}"
+        f"- **{page.escaped(effect.name)}**: {page.escaped(effect.sentence)}"
         + (
-            f" ({page.plain(' or '.join(effect.alternatives))} fits these data equally well)"
+            f" ({page.escaped(' or '.join(effect.alternatives))} fits these data equally well)"
             if effect.alternatives
             else ""
         )
@@ -209,7 +209,7 @@ def _(flown, get_locked, lab, mo, page, seed):
             ),
             mo.callout(
                 mo.md(
-                    f"**{found.verdict.upper()}.** {page.plain(found.headline)}\n\n"
+                    f"**{found.verdict.upper()}.** {page.escaped(found.headline)}\n\n"
                     + "\n".join(_effects)
                 ),
                 kind="info",
@@ -220,8 +220,10 @@ def _(flown, get_locked, lab, mo, page, seed):
                 "such as where sensors usually sit and which derivatives the vehicle file has. So "
                 "an effect that fits equally well can have much smaller odds."
             ),
-            page.plotted(found.plot.evidence(), "posterior odds of the candidates of each round"),
-            page.plotted(found.plot.residuals(), "residuals before and after"),
+            page.interactive_figure(
+                found.plot.evidence(), "posterior odds of the candidates of each round"
+            ),
+            page.interactive_figure(found.plot.residuals(), "residuals before and after"),
             mo.md(
                 "Prediction error on the second record, which was **not** fitted, in units of the "
                 "sensor noise:"

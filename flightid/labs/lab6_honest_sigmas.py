@@ -100,14 +100,14 @@ def _(lab, mo, page):
 
 @app.cell
 def _(controls, figure_scatter, lab, many, mo, page, runs):
-    _figure = page.plotted(
+    _figure = page.interactive_figure(
         figure_scatter(lab.errors(many)),
         "histograms of the errors in reported sigmas beside the standard normal density",
     )
     mo.vstack(
         [
             mo.md("## Try it"),
-            page.beside(
+            page.with_controls(
                 [
                     page.sliders(controls),
                     runs,
@@ -128,7 +128,7 @@ def _(controls, figure_scatter, lab, many, mo, page, runs):
 @app.cell
 def _(command, controls, lab, mo, page, runs):
     asked = lab.changes(**controls.value)
-    with page.computing():
+    with page.progress_message():
         many = lab.campaign(asked, runs.value)
     _bound = lab.bound()
     _rows = [
@@ -179,7 +179,7 @@ def _(asked, figure_residual, lab, mo, page, residuals):
     mo.vstack(
         [
             mo.md("**The residual of the first run.** Is it white?"),
-            page.plotted(
+            page.interactive_figure(
                 figure_residual(
                     _study.record.time,
                     residuals(_study),
@@ -196,14 +196,14 @@ def _(asked, figure_residual, lab, mo, page, residuals):
 
 @app.cell
 def _(close, lab, page):
+    _numbers = lab.key_numbers
     questions = {
         "honest": page.Question(
             "Sliders as at first (50 runs). By how many per cent does the reported sigma of C_mα "
             "differ from the Cramér-Rao bound?",
             page.number_field("%"),
             lambda value: (
-                abs(abs(value) - abs(100 * (lab.numbers()["sigma over bound of Cm_alpha"] - 1)))
-                <= 1.5
+                abs(abs(value) - abs(100 * (_numbers()["sigma over bound of Cm_alpha"] - 1))) <= 1.5
             ),
             "Divide `reported sigma` by `Cramér-Rao, sensors alone`.",
             "By less than 2 %: this estimator is efficient, and its sigmas are honest. (The sigma "
@@ -213,7 +213,7 @@ def _(close, lab, page):
         ),
         "sensors": page.Question(
             "Let the filter assume half the true sensor noise (0.5). What happens?",
-            page.choice(
+            page.multiple_choice(
                 [
                     "sigma and scatter both halve",
                     "sigma halves, the scatter stays",
@@ -229,7 +229,7 @@ def _(close, lab, page):
             "Back to 1. Let process noise of 0.1 act that the filter does not assume. How many times "
             "its reported sigma is the scatter of C_mδe?",
             page.number_field("times"),
-            lambda value: close(value, lab.numbers(acting=0.1)["scatter over sigma of Cm_de"], 0.1),
+            lambda value: close(value, _numbers(acting=0.1)["scatter over sigma of Cm_de"], 0.1),
             "The column `scatter / reported`.",
             "The autocorrelation of the residual shows why: the residual is coloured. The same holds for "
             "measured records even in calm air, since every model is incomplete.",
@@ -239,7 +239,7 @@ def _(close, lab, page):
             "per cent of the 2-sigma intervals of all six derivatives contain the true value?",
             page.number_field("%"),
             lambda value: (
-                abs(value - lab.numbers(acting=0.1, method="output error")["within 2 sigma"]) <= 3
+                abs(value - _numbers(acting=0.1, method="output error")["within 2 sigma"]) <= 3
             ),
             "The line under the table.",
             "With the Kalman filter it was 41 %; 90 % is far better, but not yet 95 %. The "
@@ -252,8 +252,8 @@ def _(close, lab, page):
             page.number_field("times"),
             lambda value: close(
                 value,
-                lab.numbers(acting=0.1)["scatter of CL_q"]
-                / lab.numbers(acting=0.1, told=0.1)["scatter of CL_q"],
+                _numbers(acting=0.1)["scatter of CL_q"]
+                / _numbers(acting=0.1, told=0.1)["scatter of CL_q"],
                 0.1,
             ),
             "Divide the scatter of CL_q at 0 assumed by the one at 0.1 assumed.",
@@ -261,7 +261,7 @@ def _(close, lab, page):
         ),
         "modest": page.Question(
             "Now no process noise acts, but the filter assumes 0.1. Is that safe?",
-            page.choice(
+            page.multiple_choice(
                 [
                     "yes, and it costs nothing",
                     "it is safe but wasteful: the sigmas are several times too large",
@@ -273,7 +273,7 @@ def _(close, lab, page):
             "The sigma of C_mα is 4.5 times the bound. A sigma that is too large is wrong as well.",
         ),
     }
-    answers = page.fields(questions)
+    answers = page.answer_fields(questions)
     return answers, questions
 
 

@@ -147,7 +147,7 @@ def _(channels, lab, mo, page, source, uploads, vehicle):
     mo.stop(not _files, mo.callout(mo.md("No file yet."), kind="neutral"))
     given, _refused = lab.tried(lambda: lab.kept(_files, vehicle.value, channels.value))
     _records, _error = lab.tried(lambda: lab.read(given)) if given else (None, _refused)
-    mo.stop(bool(_error), mo.callout(mo.md(f"**Refused.** {page.plain(_error)}"), kind="danger"))
+    mo.stop(bool(_error), mo.callout(mo.md(f"**Refused.** {page.escaped(_error)}"), kind="danger"))
     mo.vstack(
         [
             mo.md("## 2. What was read"),
@@ -170,13 +170,13 @@ def _(given, lab, mo, page):
     mo.vstack(
         [
             mo.md("## 3. Check of the sensors"),
-            mo.callout(mo.md(f"**Refused.** {page.plain(_error)}"), kind="danger")
+            mo.callout(mo.md(f"**Refused.** {page.escaped(_error)}"), kind="danger")
             if _check is None
             else mo.md(
-                "\n".join(f"- {page.plain(line)}" for line in lab.check_remarks(_check))
+                "\n".join(f"- {page.escaped(line)}" for line in lab.check_remarks(_check))
                 or "The check by kinematics has no result for these channels."
             ),
-            page.plotted(
+            page.interactive_figure(
                 _check.plot.reconstruction(),
                 "measured channels against those that the kinematics reconstruct",
             )
@@ -197,7 +197,7 @@ def _(given, lab, mo, page):
 def _(given, lab, mo, model, page):
     _found, _error = lab.tried(lambda: lab.identified(given, model.value))
     if _found is None:
-        _shown = [mo.callout(mo.md(f"**Refused.** {page.plain(_error)}"), kind="danger")]
+        _shown = [mo.callout(mo.md(f"**Refused.** {page.escaped(_error)}"), kind="danger")]
     else:
         _shown = [
             page.table(
@@ -215,9 +215,11 @@ def _(given, lab, mo, model, page):
             ),
             mo.md(
                 f"Outcome: {_found.outcome}."
-                + "".join(f"\n- {page.plain(line)}" for line in lab.fit_remarks(_found))
+                + "".join(f"\n- {page.escaped(line)}" for line in lab.fit_remarks(_found))
             ),
-            page.plotted(_found.plot.fit(), "measured and fitted outputs with the residual"),
+            page.interactive_figure(
+                _found.plot.fit(), "measured and fitted outputs with the residual"
+            ),
         ]
     mo.vstack(
         [
@@ -257,26 +259,28 @@ def _(ask, given, lab, mo, model, page, partial):
     mo.stop(not ask.value)
     with mo.status.spinner(title="Searching for the cause of the residual"):
         _found, _error = lab.tried(lambda: lab.diagnosed(given, model.value))
-    mo.stop(_found is None, mo.callout(mo.md(f"**Refused.** {page.plain(_error)}"), kind="danger"))
+    mo.stop(
+        _found is None, mo.callout(mo.md(f"**Refused.** {page.escaped(_error)}"), kind="danger")
+    )
     _effects = [
-        f"- **{page.plain(effect.name)}**: {page.plain(effect.sentence)}"
+        f"- **{page.escaped(effect.name)}**: {page.escaped(effect.sentence)}"
         for effect in _found.effects
     ]
     mo.vstack(
         [
             mo.callout(
                 mo.md(
-                    f"**{_found.verdict.upper()}.** {page.plain(_found.headline)}\n\n"
+                    f"**{_found.verdict.upper()}.** {page.escaped(_found.headline)}\n\n"
                     + "\n".join(_effects)
                 ),
                 kind="info",
             ),
-            page.plotted(
+            page.interactive_figure(
                 _found.plot.prediction(),
                 "record that was not fitted: measured and predicted, before and after",
             ),
-            page.plotted(_found.plot.derivatives(), "parameters before and after"),
-            mo.md("\n".join(f"- {page.plain(line)}" for line in lab.diagnosis_remarks(_found))),
+            page.interactive_figure(_found.plot.derivatives(), "parameters before and after"),
+            mo.md("\n".join(f"- {page.escaped(line)}" for line in lab.diagnosis_remarks(_found))),
             mo.download(
                 partial(lab.report, _found),
                 filename="report.html",

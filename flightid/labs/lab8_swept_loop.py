@@ -88,14 +88,14 @@ def _(lab, mo, page):
 
 @app.cell
 def _(controls, figure_response, found, mo, page):
-    _figure = page.plotted(
+    _figure = page.interactive_figure(
         figure_response(found.response),
         "magnitude, phase and coherence of the roll rate over the command, with the fitted model",
     )
     mo.vstack(
         [
             mo.md("## Try it"),
-            page.beside(
+            page.with_controls(
                 [
                     page.sliders(controls),
                     mo.md(
@@ -112,7 +112,7 @@ def _(controls, figure_response, found, mo, page):
 @app.cell
 def _(command, controls, lab, mo, page):
     asked = lab.changes(**controls.value)
-    with page.computing():
+    with page.progress_message():
         found = lab.study(asked)
     _rows = [
         [
@@ -144,13 +144,13 @@ def _(asked, figure_margins, found, lab, mo, page):
     mo.vstack(
         [
             mo.md("**The broken-loop response by the joint estimate:**"),
-            page.plotted(
+            page.interactive_figure(
                 figure_margins(found.loop),
                 "gain, phase and distance from -1 of the broken loop with its margins, joint "
                 "estimate",
             ),
             mo.md("**The same flights if the sweep were not recorded, by the direct estimate:**"),
-            page.plotted(
+            page.interactive_figure(
                 figure_margins(_direct),
                 "gain, phase and distance from -1 of the broken loop by the direct estimate",
             ),
@@ -165,7 +165,7 @@ def _(close, lab, page):
         "phase": page.Question(
             "Sliders as at first. How large is the estimated phase margin?",
             page.number_field("deg"),
-            lambda value: close(value, lab.numbers()["phase margin"], 0.03),
+            lambda value: close(value, lab.key_numbers()["phase margin"], 0.03),
             "Read the table, or the bar in the phase of the broken-loop response.",
             "Its 2-sigma interval contains the true value. The loop stayed closed in flight, and no model was needed.",
         ),
@@ -190,7 +190,7 @@ def _(close, lab, page):
         "direct": page.Question(
             "Gain 0.22 again, gyro noise of 20 deg/s. What happens to the direct estimate of the "
             "broken-loop response?",
-            page.choice(
+            page.multiple_choice(
                 [
                     "it moves towards 0",
                     "it moves towards -1, as if the loop were at its stability limit",
@@ -206,14 +206,14 @@ def _(close, lab, page):
         "amplitude": page.Question(
             "Gyro noise of 5 deg/s. Raise the amplitude of the sweep from 0.1 to 0.2. How does the "
             "sigma of the phase margin change?",
-            page.choice(["it stays", "it falls to about a half", "it doubles"]),
+            page.multiple_choice(["it stays", "it falls to about a half", "it doubles"]),
             lambda value: value == "it falls to about a half",
             "Compare the sigmas of the phase margin in the table.",
             "The random error is proportional to noise over signal. Twice the "
             "amplitude has the same effect as four times the flight time.",
         ),
     }
-    answers = page.fields(questions)
+    answers = page.answer_fields(questions)
     return answers, questions
 
 

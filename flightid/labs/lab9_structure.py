@@ -93,11 +93,11 @@ def _(lab, mo):
 @app.cell
 def _(axis, controls, figure_structure, lab, mo, page, studied):
     _each = studied.found.selections[axis]
-    _figure = page.plotted(
+    _figure = page.interactive_figure(
         figure_structure(_each.steps, lab.variance(studied, axis), lab.shown(studied, axis), axis),
         "the residual after each step of the regression, and the coefficient measured and modelled",
     )
-    mo.vstack([mo.md("## Try it"), page.beside([page.sliders(controls)], _figure)])
+    mo.vstack([mo.md("## Try it"), page.with_controls([page.sliders(controls)], _figure)])
     return
 
 
@@ -105,7 +105,7 @@ def _(axis, controls, figure_structure, lab, mo, page, studied):
 def _(controls, lab, page):
     _values = dict(controls.value)
     axis = _values.pop("axis")
-    with page.computing("Flying the maneuvers and choosing terms"):
+    with page.progress_message("Flying the maneuvers and choosing terms"):
         studied = lab.study(**_values)
     return axis, studied
 
@@ -128,7 +128,7 @@ def _(axis, controls, lab, mo, page, studied):
                 "largest condition index (another measure of collinearity) "
                 f"**{max(_together.indices):.0f}**."
             ),
-            mo.callout(mo.md("<br>".join(page.plain(line) for line in _said)), kind="warn")
+            mo.callout(mo.md("<br>".join(page.escaped(line) for line in _said)), kind="warn")
             if _said
             else mo.callout(
                 mo.md(
@@ -155,7 +155,7 @@ def _(close, lab, page):
     questions = {
         "product": page.Question(
             "Sliders as at first. Which term of the pitching moment does a linear model not contain?",
-            page.choice(["alpha^2", "alpha*elevator", "alpha*q", "abs(elevator)"]),
+            page.multiple_choice(["alpha^2", "alpha*elevator", "alpha*q", "abs(elevator)"]),
             lambda value: value == "alpha*elevator",
             "Read the table.",
             "The elevator becomes less effective as the angle of attack grows: its effect is "
@@ -164,7 +164,7 @@ def _(close, lab, page):
         "lacking": page.Question(
             "Set the largest degree to 1. How many times the noise is the residual of Cm now?",
             page.number_field("times"),
-            lambda value: close(value, lab.numbers(degree=1)["residual/noise"], 0.03),
+            lambda value: close(value, lab.key_numbers(degree=1)["residual/noise"], 0.03),
             "The line below the table.",
             "R² is still 0.96: a high R² shows that the response was large, not that the model is "
             "right. Compare the residual with the noise instead. The warning names the missing term.",
@@ -173,7 +173,7 @@ def _(close, lab, page):
             "Degree 2 again, coefficient Cl. The largest VIF is 8.4, that of beta. How large is the "
             "largest VIF if all surfaces move by multisines at once?",
             page.number_field("VIF"),
-            lambda value: close(value, lab.numbers(axis="Cl", kind=lab.KINDS[1])["VIF"], 0.03),
+            lambda value: close(value, lab.key_numbers(axis="Cl", kind=lab.KINDS[1])["VIF"], 0.03),
             "Change how the surfaces move and read the last column.",
             "After a pulse the aircraft oscillates in its Dutch roll, in which p, r and beta keep their "
             "ratios. Surfaces that keep moving change these ratios.",
@@ -182,7 +182,7 @@ def _(close, lab, page):
             "Pulses one after the other, Cn. Let the rudder follow the aileron. How large is the "
             "largest VIF?",
             page.number_field("VIF"),
-            lambda value: close(value, lab.numbers(axis="Cn", linked=True)["VIF"], 0.03),
+            lambda value: close(value, lab.key_numbers(axis="Cn", linked=True)["VIF"], 0.03),
             "The last column of the table.",
             "The rudder moves 0.6 times the aileron, and hardly by itself. The regression keeps both "
             "terms, and their large standard deviations show that the maneuvers hardly distinguish "
@@ -202,14 +202,14 @@ def _(close, lab, page):
             "One maneuver of pulses, usual noise, Cl, degree 4: many more terms are offered. How many "
             "are chosen?",
             page.number_field("terms"),
-            lambda value: value == lab.numbers(axis="Cl", maneuvers=1, degree=4)["terms"],
+            lambda value: value == lab.key_numbers(axis="Cl", maneuvers=1, degree=4)["terms"],
             "Count the rows of the table.",
             "The same six as at degree 2, all of them true. A term enters only if it lowers the "
             "residual by more than chance. With one maneuver no R² of "
             "maneuvers left out checks this; the maneuver that is never fitted does (R² 0.999).",
         ),
     }
-    answers = page.fields(questions)
+    answers = page.answer_fields(questions)
     return answers, questions
 
 

@@ -21,14 +21,14 @@ class Question:
     ----------
     text : the question, as Markdown.
     field : notebook element for the answer.
-    right : function that returns whether an answer is right.
+    is_right : function that returns whether an answer is right.
     hint : text shown after a wrong answer.
     reason : text shown after a right answer.
     """
 
     text: str
     field: Any
-    right: Callable[[Any], bool]
+    is_right: Callable[[Any], bool]
     hint: str
     reason: str
 
@@ -38,13 +38,13 @@ def heading(number: int, title: str, aim: str) -> Any:
     return mo.md(f"# Lab {number}. {title}\n\n**Aim.** {aim}")
 
 
-def plotted(figure: Figure, description: str) -> Any:
+def interactive_figure(figure: Figure, description: str) -> Any:
     """Return a figure that zooms and shows values under the pointer, with its description."""
     return mo.Html(figure_frame(figure_document(figure, description), description, height=400))
 
 
-def beside(controls: Sequence[Any], figure: Any) -> Any:
-    """Return controls with their figure at the right, or below them on a narrow page."""
+def with_controls(controls: Sequence[Any], figure: Any) -> Any:
+    """Return controls at the left of their figure, or above it on a narrow page."""
     column = mo.vstack([*controls], gap=1.0)
     return mo.Html(
         '<div style="display: flex; flex-wrap: wrap; gap: 1rem 1.5rem; align-items: flex-start">'
@@ -53,28 +53,29 @@ def beside(controls: Sequence[Any], figure: Any) -> Any:
     )
 
 
-def sketch() -> Any:
-    """Return the aircraft from the side and from above, with axes, angles, rates and signs."""
+def aircraft_sketch() -> Any:
+    """Return a picture of the aircraft from two sides, with axes, angles, rates and signs."""
     description = "Aircraft from the side and from above with body axes, angles, rates and signs"
-    # Given as a path: marimo would label the bytes of this SVG as PNG, and browsers would then not
-    # draw it.
+    # The image is passed as a path, not as bytes: marimo labels the bytes of an SVG as PNG, which
+    # browsers do not draw.
     source = Path(__file__).with_name("axes.svg")
     return mo.image(source, alt=description, style={"width": "100%", "max-width": "720px"})
 
 
-def computing(what: str = "Computing the flight and its estimates") -> Any:
-    """Return a message that is shown while the next block computes."""
-    return mo.status.spinner(title=f"{what} ...", remove_on_exit=True)
+def progress_message(task: str = "Computing the flight and its estimates") -> Any:
+    """Return a context manager that shows a message while its block computes."""
+    return mo.status.spinner(title=f"{task} ...", remove_on_exit=True)
 
 
-def plain(text: str) -> str:
-    """Return a text escaped for Markdown, so that ``:q`` is not read as an emoji and ``*`` and
-    ``_`` not as emphasis.
+def escaped(text: str) -> str:
+    """Return a text with the special characters of Markdown escaped.
+
+    Otherwise ``:q`` would be shown as an emoji, and ``*`` and ``_`` would mark emphasis.
     """
     return text.replace(":", "&#58;").replace("*", "\\*").replace("_", "\\_")
 
 
-def tests_of(tests: Sequence[Any]) -> str:
+def residual_tests(tests: Sequence[Any]) -> str:
     """Return channel, name and result of each test of a residual, as Markdown."""
     names = {"ljung-box": "Ljung-Box", "nis": "NIS"}
     return "; ".join(
@@ -84,14 +85,16 @@ def tests_of(tests: Sequence[Any]) -> str:
     )
 
 
-def command_line(line: str, what: str = "The same on the command line") -> Any:
-    """Return a command that a student may copy, below the words ``what``."""
-    note = "`methods=[]` leaves out the further methods of the scenario."
-    return mo.md(f"{what}:\n\n```sh\n{line}\n```\n\n{note if 'methods=[]' in line else ''}")
+def command_line(line: str, title: str = "The same on the command line") -> Any:
+    """Return a command that a student may copy, below its title."""
+    note = ""
+    if "methods=[]" in line:
+        note = "With `methods=[]`, only the main method of the scenario is applied."
+    return mo.md(f"{title}:\n\n```sh\n{line}\n```\n\n{note}")
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Any:
-    """Return a table of texts; the caller has rounded the numbers."""
+    """Return a table. The cells are texts: the caller formats the numbers."""
     lines = [
         " | ".join(headings),
         " | ".join([":--", *["--:"] * (len(headings) - 1)]),
@@ -111,18 +114,18 @@ def number_field(unit: str) -> Any:
 
 
 def slider(start: float, stop: float, step: float, value: float, label: str) -> Any:
-    """Return a slider that shows its value and computes when it is released."""
+    """Return a slider that shows its value. Cells that use it run when the slider is released."""
     return mo.ui.slider(
         start, stop, step=step, value=value, label=label, show_value=True, debounce=True
     )
 
 
-def choice(options: Sequence[str]) -> Any:
-    """Return a field for one of several answers; none is chosen at first."""
+def multiple_choice(options: Sequence[str]) -> Any:
+    """Return a field for the choice of one answer from several; none is chosen at first."""
     return mo.ui.radio(options=options, value=None)
 
 
-def fields(questions: Mapping[str, Question]) -> Any:
+def answer_fields(questions: Mapping[str, Question]) -> Any:
     """Return the answer fields of a lab, combined into one notebook element."""
     return mo.ui.dictionary({key: question.field for key, question in questions.items()})
 
@@ -142,7 +145,7 @@ def question_list(questions: Mapping[str, Question], answers: Any) -> Any:
 
 
 def _is_right(question: Question, value: Any) -> bool:
-    return value not in (None, "") and bool(question.right(value))
+    return value not in (None, "") and bool(question.is_right(value))
 
 
 def _feedback(question: Question, value: Any) -> Any:

@@ -34,12 +34,12 @@ from ident.compatibility.trials import (
     FaultTrial,
     SensorEstimate,
     bias_estimates,
-    estimate_of,
     reconstructions_of,
     reference_sentence,
+    refitted_with_faults,
+    sensor_estimate,
     time_references,
     try_faults,
-    with_more_faults,
 )
 from ident.compatibility.unobservable import unobservable_sentences
 from sim.errors import RecordError
@@ -208,7 +208,7 @@ def _result(search_result: FaultSearch, biases: tuple[SensorEstimate, ...]) -> C
     names = tuple(s.name for s in search_result.fit.signals)
     return CheckResult(
         names,
-        tuple(estimate_of(trial) for trial in search_result.trials),
+        tuple(sensor_estimate(trial) for trial in search_result.trials),
         biases,
         search_result.findings,
         levels,
@@ -223,20 +223,20 @@ def _result_of_record(
     Each fault is tried in addition to the same faults as in the ``joint`` search of all records.
     Drifts, which belong to single records, are tried in addition to all accepted faults.
     """
-    with_accepted = with_more_faults(base, joint.fit.faults, joint.fit.sizes)
+    with_accepted = refitted_with_faults(base, joint.fit.faults, joint.fit.sizes)
     trial_by_fault: dict[SensorFault, FaultTrial] = {}
     contexts = {trial.fit.faults[:-1]: trial.fit.sizes[:-1] for trial in joint.trials}
     for context, sizes in contexts.items():
         if context == joint.fit.faults:
             start = with_accepted
         else:
-            start = with_more_faults(base, context, sizes)
+            start = refitted_with_faults(base, context, sizes)
         faults = [trial.fault for trial in joint.trials if trial.fit.faults[:-1] == context]
         trial_by_fault |= {trial.fault: trial for trial in try_faults(start, faults)}
     trials = [trial_by_fault[trial.fault] for trial in joint.trials]
     channels = list(dict.fromkeys(trial.fault.channel for trial in joint.trials))
     drifts = [fault for fault in faults_of(channels, drifts=True) if fault.kind == DRIFT]
-    one_drift = replace(settings, false_alarm=settings.false_alarm / count, most=1)
+    one_drift = replace(settings, false_alarm=settings.false_alarm / count, max_faults=1)
     drift_search = search(with_accepted, drifts, [], one_drift)
     return _result(
         replace(drift_search, trials=(*trials, *drift_search.trials)), bias_estimates(with_accepted)
@@ -249,7 +249,7 @@ def _joint_start(bases: Sequence[KinematicFit]) -> KinematicFit:
     density = np.exp(np.mean([np.log(base.noise.density) for base in bases], axis=0))
     return replace(
         bases[0],
-        own=tuple(base.own[0] for base in bases),
+        unknown_values=tuple(base.unknown_values[0] for base in bases),
         noise=replace(bases[0].noise, white=white, density=density),
     )
 

@@ -125,10 +125,10 @@ def grow_sets(
     singles: Sequence[KinematicFit],
     faults: Sequence[SensorFault],
     penalty: float,
-    most: int,
+    max_faults: int,
 ) -> list[FaultSet]:
-    """Return sets of 0, 1, ... ``most`` faults by forward selection with a beam: several sets of
-    each size.
+    """Return sets of 0, 1, ... ``max_faults`` faults by forward selection with a beam, several
+    sets of each size.
 
     The sets of one fault are the best of ``singles``, the fits of each fault alone. The selection
     ends where the best set with one more fault gains less than ``penalty``. Without recorded
@@ -138,7 +138,7 @@ def grow_sets(
     sets = [fault_set(base, given)]
     largest_sets = _best_sound(singles, given)
     best_smaller, without_controls = base, not instrumented(base.signals)
-    for count in range(1, most + 1):
+    for count in range(1, max_faults + 1):
         if not largest_sets:
             break
         if without_controls:
@@ -146,7 +146,7 @@ def grow_sets(
         sets += largest_sets
         best = largest_sets[0]
         smaller_misfit, best_misfit = misfits([best_smaller, best.fit]).tolist()
-        if count == most or smaller_misfit - best_misfit < penalty * best.widening:
+        if count == max_faults or smaller_misfit - best_misfit < penalty * best.widening:
             break
         best_smaller = best.fit
         fits: dict[frozenset[SensorFault], KinematicFit] = {}
@@ -471,7 +471,7 @@ def search(
     while True:
         candidates = [fault for fault in faults if fault not in refused]
         single_fits = [t.fit for t in singles if t.fault not in refused]
-        sets = grow_sets(base, single_fits, candidates, penalty, settings.most)
+        sets = grow_sets(base, single_fits, candidates, penalty, settings.max_faults)
         best = best_set_of(sets, penalty)
         early = float(best.fit.sizes[-1]) if best.early else None
         if best.early:

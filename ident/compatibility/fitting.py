@@ -172,15 +172,15 @@ class KinematicFit:
     noise : noise of the relations.
     cost : minus the log likelihood, with the terms of the priors.
     residuals : ``(m, N)`` of each record, zero where a sample is missing.
-    jacobians : ``(m, N, n + k)`` of each record, derivatives of ``outputs`` with respect to ``own``
-        and ``sizes``.
+    jacobians : ``(m, N, n + k)`` of each record, derivatives of ``outputs`` with respect to
+        ``unknown_values`` and ``sizes``.
     outputs : ``(m, N)`` of each record, expected sensor readings.
     """
 
     signals: tuple[KinematicSignals, ...]
     faults: tuple[SensorFault, ...]
     sizes: np.ndarray
-    own: tuple[np.ndarray, ...]
+    unknown_values: tuple[np.ndarray, ...]
     noise: RelationNoise
     cost: float
     residuals: tuple[np.ndarray, ...]
@@ -206,15 +206,16 @@ def fit(
     """
     unknowns = [unknowns_of(s) for s in signals]
     if begin is None:
-        own = [start_of(s, items) for s, items in zip(signals, unknowns, strict=True)]
+        unknown_values = [start_of(s, items) for s, items in zip(signals, unknowns, strict=True)]
     else:
-        own = [np.array(values) for values in begin.own]
+        unknown_values = [np.array(values) for values in begin.unknown_values]
     sizes = starting_sizes(faults, begin) if first is None else first.astype(float)
     rough_noise = noise_from_roughness(signals)
     noise = begin.noise if begin is not None else rough_noise
     priors = [np.array([1.0 / item.prior**2 for item in u]) for u in unknowns]
     linear = [
-        linearised(s, u, faults, o, sizes) for s, u, o in zip(signals, unknowns, own, strict=True)
+        linearised(s, u, faults, o, sizes)
+        for s, u, o in zip(signals, unknowns, unknown_values, strict=True)
     ]
     search = KinematicDescent(
         tuple(signals), tuple(unknowns), tuple(faults), tuple(priors), evaluate, linearised
@@ -222,12 +223,12 @@ def fit(
     cost = 0.0
     for turn in range(passes):
         whiteners = [projected_whitener(s, noise) for s in signals]
-        own, sizes, linear = descend(search, (own, sizes, linear), whiteners)
+        unknown_values, sizes, linear = descend(search, (unknown_values, sizes, linear), whiteners)
         before = noise.logs
         residuals = tuple(residual_of(s, y) for s, (y, _) in zip(signals, linear, strict=True))
         columns = tuple(
             np.where(s.valid[:, :, None], slope[:, :, : len(o)], 0.0)
-            for s, (_, slope), o in zip(signals, linear, own, strict=True)
+            for s, (_, slope), o in zip(signals, linear, unknown_values, strict=True)
         )
         noise, cost = estimated_noise(
             NoiseEvidence(tuple(signals), residuals, columns, tuple(priors), rough_noise),
@@ -236,12 +237,14 @@ def fit(
         )
         if turn and np.all(np.abs(noise.logs - before) < _NEGLIGIBLE_LOG_CHANGE):
             break
-    cost += sum(0.5 * float(np.sum(prior * o**2)) for prior, o in zip(priors, own, strict=True))
+    cost += sum(
+        0.5 * float(np.sum(prior * o**2)) for prior, o in zip(priors, unknown_values, strict=True)
+    )
     return KinematicFit(
         tuple(signals),
         tuple(faults),
         sizes,
-        tuple(own),
+        tuple(unknown_values),
         noise,
         cost,
         residuals,
@@ -280,17 +283,17 @@ def descend(
     search: KinematicDescent, start: DescentPoint, whiteners: Sequence[ColumnMap]
 ) -> DescentPoint:
     """Return the least-squares point under the noise of the ``whiteners`` of the records."""
-    (own, sizes, linear), signals, priors = start, search.signals, search.priors
+    (unknown_values, sizes, linear), signals, priors = start, search.signals, search.priors
     largest = np.array([fault.largest for fault in search.faults])
-    cost = misfit(signals, priors, own, [y for y, _ in linear], whiteners)
+    cost = misfit(signals, priors, unknown_values, [y for y, _ in linear], whiteners)
     for _ in range(search.steps):
-        information, gradient = normal_equations(signals, priors, own, linear, whiteners)
+        information, gradient = normal_equations(signals, priors, unknown_values, linear, whiteners)
         step = bounded_inverse(information) @ gradient
         if float(gradient @ step) < _NEGLIGIBLE_GAIN:
             break
         for share in search.shares:
-            changes = np.split(share * step, np.cumsum([len(o) for o in own]))
-            trial_own = [o + change for o, change in zip(own, changes, strict=False)]
+            changes = np.split(share * step, np.cumsum([len(o) for o in unknown_values]))
+            trial_own = [o + change for o, change in zip(unknown_values, changes, strict=False)]
             trial_sizes = np.clip(sizes + changes[-1], -largest, largest)
             outputs = [
                 search.evaluate(s, u, search.faults, o[None], trial_sizes[None])[:, 0]
@@ -301,14 +304,14 @@ def descend(
                 break
         else:
             break
-        own, sizes, gain, cost = trial_own, trial_sizes, cost - trial_cost, trial_cost
+        unknown_values, sizes, gain, cost = trial_own, trial_sizes, cost - trial_cost, trial_cost
         linear = [
             search.linearised(s, u, search.faults, o, sizes)
-            for s, u, o in zip(signals, search.unknowns, own, strict=True)
+            for s, u, o in zip(signals, search.unknowns, unknown_values, strict=True)
         ]
         if gain < search.enough:
             break
-    return own, sizes, linear
+    return unknown_values, sizes, linear
 
 
 def starting_sizes(faults: Sequence[SensorFault], begin: KinematicFit | None) -> np.ndarray:
@@ -322,7 +325,7 @@ def starting_sizes(faults: Sequence[SensorFault], begin: KinematicFit | None) ->
 def misfit(
     signals: Sequence[KinematicSignals],
     priors: Sequence[np.ndarray],
-    own: Sequence[np.ndarray],
+    unknown_values: Sequence[np.ndarray],
     outputs: Sequence[np.ndarray],
     whiteners: Sequence[ColumnMap],
 ) -> float:
@@ -330,7 +333,9 @@ def misfit(
     infinite if the reconstruction diverges.
     """
     total = 0.0
-    for s, prior, o, y, white in zip(signals, priors, own, outputs, whiteners, strict=True):
+    for s, prior, o, y, white in zip(
+        signals, priors, unknown_values, outputs, whiteners, strict=True
+    ):
         residual = residual_of(s, y)
         # the square of a divergent reconstruction overflows
         if not np.all(np.abs(residual) < _LARGEST_RESIDUAL):
@@ -378,10 +383,14 @@ def least_misfit(
         ]
     linear = list(zip(kinematic_fit.outputs, kinematic_fit.jacobians, strict=True))
     information, gradient = normal_equations(
-        kinematic_fit.signals, priors, kinematic_fit.own, linear, whiteners
+        kinematic_fit.signals, priors, kinematic_fit.unknown_values, linear, whiteners
     )
     misfit_of_fit = misfit(
-        kinematic_fit.signals, priors, kinematic_fit.own, kinematic_fit.outputs, whiteners
+        kinematic_fit.signals,
+        priors,
+        kinematic_fit.unknown_values,
+        kinematic_fit.outputs,
+        whiteners,
     )
     return misfit_of_fit - 0.5 * float(gradient @ bounded_inverse(information) @ gradient)
 
@@ -390,35 +399,43 @@ def positions(kinematic_fit: KinematicFit) -> list[np.ndarray]:
     """Return for each record the positions of the columns of its Jacobian among all unknowns of the
     fit. These are the unknowns of each record in turn, then the sizes of the faults.
     """
-    total, columns, begin = sum(len(own) for own in kinematic_fit.own), [], 0
+    total, columns, begin = (
+        sum(len(unknown_values) for unknown_values in kinematic_fit.unknown_values),
+        [],
+        0,
+    )
     sizes = total + np.arange(len(kinematic_fit.faults))
-    for own in kinematic_fit.own:
-        columns.append(np.concatenate([np.arange(begin, begin + len(own)), sizes]))
-        begin += len(own)
+    for unknown_values in kinematic_fit.unknown_values:
+        columns.append(np.concatenate([np.arange(begin, begin + len(unknown_values)), sizes]))
+        begin += len(unknown_values)
     return columns
 
 
 def prior_information(kinematic_fit: KinematicFit) -> np.ndarray:
     """Return the diagonal ``(n,)`` of the information that the priors give on all unknowns."""
-    own = [[1.0 / item.prior**2 for item in unknowns_of(s)] for s in kinematic_fit.signals]
-    return np.concatenate([*map(np.array, own), np.zeros(len(kinematic_fit.faults))])
+    unknown_values = [
+        [1.0 / item.prior**2 for item in unknowns_of(s)] for s in kinematic_fit.signals
+    ]
+    return np.concatenate([*map(np.array, unknown_values), np.zeros(len(kinematic_fit.faults))])
 
 
 def normal_equations(
     signals: Sequence[KinematicSignals],
     priors: Sequence[np.ndarray],
-    own: Sequence[np.ndarray],
+    unknown_values: Sequence[np.ndarray],
     linear: Sequence[tuple[np.ndarray, np.ndarray]],
     whiteners: Sequence[ColumnMap],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the information ``(n, n)`` and gradient ``(n,)`` of the log likelihood, in the order
     of `positions`.
     """
-    total = sum(len(o) for o in own)
-    faults = linear[0][1].shape[2] - len(own[0])
+    total = sum(len(o) for o in unknown_values)
+    faults = linear[0][1].shape[2] - len(unknown_values[0])
     information = np.zeros((total + faults, total + faults))
     gradient, begin = np.zeros(total + faults), 0
-    for s, prior, o, (y, slope), white in zip(signals, priors, own, linear, whiteners, strict=True):
+    for s, prior, o, (y, slope), white in zip(
+        signals, priors, unknown_values, linear, whiteners, strict=True
+    ):
         columns = np.concatenate(
             [residual_of(s, y)[:, :, None], np.where(s.valid[:, :, None], slope, 0.0)], axis=2
         )
@@ -485,7 +502,11 @@ def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
     The weights of the residuals are one over their mean squares, as for white residuals. The
     covariance also includes the noise of the inputs, which the smoother fit gives.
     """
-    own, sizes, places = list(kinematic_fit.own), kinematic_fit.sizes, positions(kinematic_fit)
+    unknown_values, sizes, places = (
+        list(kinematic_fit.unknown_values),
+        kinematic_fit.sizes,
+        positions(kinematic_fit),
+    )
     prior = prior_information(kinematic_fit)
     unknowns = [unknowns_of(s) for s in kinematic_fit.signals]
     largest = np.array([fault.largest for fault in kinematic_fit.faults])
@@ -496,7 +517,7 @@ def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
         if turn:
             linear = [
                 linearised(s, u, kinematic_fit.faults, o, sizes)
-                for s, u, o in zip(kinematic_fit.signals, unknowns, own, strict=True)
+                for s, u, o in zip(kinematic_fit.signals, unknowns, unknown_values, strict=True)
             ]
         residuals = [
             residual_of(s, y) for s, (y, _) in zip(kinematic_fit.signals, linear, strict=True)
@@ -514,11 +535,13 @@ def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
             columns.append(J)
             information[np.ix_(where, where)] += np.einsum("mnc,mnd->cd", J, slope)
             gradient[where] += np.einsum("mnc,mn->c", J, e)
-        gradient[:total] -= prior[:total] * np.concatenate(own)
+        gradient[:total] -= prior[:total] * np.concatenate(unknown_values)
         inverse = bounded_inverse(information)
         step = inverse @ gradient
-        *own_steps, size_step = np.split(step, np.cumsum([len(o) for o in own]))
-        own = [o + own_step for o, own_step in zip(own, own_steps, strict=True)]
+        *own_steps, size_step = np.split(step, np.cumsum([len(o) for o in unknown_values]))
+        unknown_values = [
+            o + own_step for o, own_step in zip(unknown_values, own_steps, strict=True)
+        ]
         sizes = np.clip(sizes + size_step, -largest, largest)
         if np.all(np.abs(step) <= _SMALL_STEP * np.sqrt(np.maximum(np.diag(inverse), 1e-300))):
             break
@@ -536,7 +559,7 @@ def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
             "inc,i,ind->cd", walk, kinematic_fit.noise.density, walk
         )
     inverse, _ = inverse_information(information, floor=DIFFERENCED_UNDETERMINED)
-    return np.concatenate([*own, sizes]), _sandwich(inverse, gradient_covariance)
+    return np.concatenate([*unknown_values, sizes]), _sandwich(inverse, gradient_covariance)
 
 
 def _sandwich(inverse: np.ndarray, gradient_covariance: np.ndarray) -> np.ndarray:

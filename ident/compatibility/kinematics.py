@@ -486,12 +486,15 @@ def initial_state(s: KinematicSignals, name: str) -> float:
 
 
 def columns_of(
-    unknowns: Sequence[Unknown], faults: Sequence[SensorFault], own: np.ndarray, sizes: np.ndarray
+    unknowns: Sequence[Unknown],
+    faults: Sequence[SensorFault],
+    unknown_values: np.ndarray,
+    sizes: np.ndarray,
 ) -> dict[Key, np.ndarray]:
     """Return the key of each unknown and fault -> its values ``(P, 1)``. The arguments are those of
     `evaluate`.
     """
-    table = {item.key: own[:, i : i + 1] for i, item in enumerate(unknowns)}
+    table = {item.key: unknown_values[:, i : i + 1] for i, item in enumerate(unknowns)}
     for j, fault in enumerate(faults):
         key = (fault.channel, fault.kind)
         table[key] = table[key] + sizes[:, j : j + 1] if key in table else sizes[:, j : j + 1]
@@ -502,13 +505,13 @@ def evaluate(
     s: KinematicSignals,
     unknowns: Sequence[Unknown],
     faults: Sequence[SensorFault],
-    own: np.ndarray,
+    unknown_values: np.ndarray,
     sizes: np.ndarray,
 ) -> np.ndarray:
-    """Return the outputs ``(m, P, N)`` for P sets of values ``own (P, n)`` of the unknowns of the
-    record and ``sizes (P, k)`` of the faults.
+    """Return the outputs ``(m, P, N)`` for P sets of values: ``unknown_values (P, n)`` of the
+    record, and ``sizes (P, k)`` of the faults.
     """
-    table, none = columns_of(unknowns, faults, own, sizes), np.zeros((1, 1))
+    table, none = columns_of(unknowns, faults, unknown_values, sizes), np.zeros((1, 1))
     return reconstructed_outputs(s, lambda channel, kind: table.get((channel, kind), none))
 
 
@@ -521,7 +524,7 @@ def linearised(
     s: KinematicSignals,
     unknowns: Sequence[Unknown],
     faults: Sequence[SensorFault],
-    own: np.ndarray,
+    unknown_values: np.ndarray,
     sizes: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the outputs ``(m, N)`` and their derivatives ``(m, N, n + k)``: forward differences
@@ -529,7 +532,7 @@ def linearised(
     """
     n, k = len(unknowns), len(faults)
     step = np.array([item.step for item in unknowns] + [difference_step(fault) for fault in faults])
-    centre = np.concatenate([own, sizes])
+    centre = np.concatenate([unknown_values, sizes])
     points = np.concatenate([centre[None], centre + np.diag(step), (centre - np.diag(step))[n:]])
     y = np.broadcast_to(
         evaluate(s, unknowns, faults, points[:, :n], points[:, n:]),

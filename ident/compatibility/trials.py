@@ -1,5 +1,5 @@
-"""Result of a check of the kinematics, the trial of one fault in addition to others, and time
-references.
+"""Result of a compatibility check, trials of one more sensor fault, and channels to which delays
+refer.
 """
 
 from __future__ import annotations
@@ -38,12 +38,13 @@ class CompatibilitySettings:
 
     Attributes
     ----------
-    airspeed : m/s, used where none is recorded; without both, the relation of alpha is omitted.
+    airspeed : m/s, for records without airspeed. If it is None too, the relation of alpha is
+        omitted.
     gravity : m/s2.
     vane_arm : known arm of the vane, m; an estimated arm is in addition to it.
     chord : m, for the prior of sensor positions; zero where it is not known.
     false_alarm : probability that any fault is accepted in records of correct sensors.
-    most : largest number of accepted faults.
+    max_faults : largest number of accepted faults.
     """
 
     airspeed: float | None = None
@@ -51,7 +52,7 @@ class CompatibilitySettings:
     vane_arm: float = 0.0
     chord: float = 0.0
     false_alarm: float = 0.01
-    most: int = 3
+    max_faults: int = 3
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,9 @@ class FaultQuantity:
 
     @classmethod
     def of(cls, fault: SensorFault, size: float, variance: float) -> FaultQuantity:
-        """Return the parameter of the effect: the size plus `SensorFault.offset`, and its sigma."""
+        """Return the parameter of the effect of a fault, and its standard deviation. The parameter
+        is the size of the fault plus `SensorFault.offset`.
+        """
         return cls(size + fault.offset, math.sqrt(max(variance, 0.0)))
 
 
@@ -73,11 +76,11 @@ class SensorEstimate:
 
     Attributes
     ----------
-    name, channel, kind, unit : those of the fault.
+    name, channel, kind, unit : name, channel, kind and unit of the fault.
     output_error, smoother : estimates by the two methods.
     difference : output error minus smoother, in standard deviations of the difference.
     gain : increase of the log likelihood under coloured residuals.
-    p_value : of this gain, one-sided where only one sign is possible.
+    p_value : p-value of this gain; one-sided if only one sign of the fault is possible.
     determined : whether the standard deviation is below a plausible size.
     """
 
@@ -94,8 +97,8 @@ class SensorEstimate:
 
     @classmethod
     def of(cls, fault: SensorFault, *estimates: Any) -> SensorEstimate:
-        """Return the estimate of a fault. ``estimates`` are the attributes from ``output_error``
-        on.
+        """Return the estimate of a fault. ``estimates`` are the attributes from ``output_error`` to
+        ``determined``, in order.
         """
         return cls(fault.name, fault.channel, fault.kind, fault.unit, *estimates)
 
@@ -111,7 +114,8 @@ class SensorFinding:
 
     Attributes
     ----------
-    value, std : parameter of the effect and its standard deviation; that of a scale is a factor.
+    value, std : parameter of the effect and its standard deviation. The parameter of a scale error
+        is the scale factor, which is 1 without the error.
     gain : gain of log likelihood.
     supported : whether the fault is accepted, or may be confused with an accepted one.
     group : names of the faults that it may be confused with.
@@ -119,7 +123,8 @@ class SensorFinding:
     replicates : whether single records agree on the fault; True for one record.
     lost : loss of log likelihood if the fault replaces an accepted one, zero for the best fault of
         a group; None for a fault that was not tried as a replacement.
-    probabilities : of the fault and its group by name, from likelihoods and priors.
+    probabilities : name -> probability of the fault and of each fault in its group, from
+        likelihoods and priors.
     instead_of : name of the accepted fault that it replaced in the trial; empty for an accepted
         fault and for one that was tried in addition to all accepted ones.
     """
@@ -140,11 +145,13 @@ class SensorFinding:
 
     @classmethod
     def of(
-        cls, fault: SensorFault, quantity: FaultQuantity, gain: float, **further: Any
+        cls, fault: SensorFault, quantity: FaultQuantity, gain: float, **other_attributes: Any
     ) -> SensorFinding:
-        """Return the finding of a fault; ``further`` are the other attributes by name."""
+        """Return the finding of a fault; ``other_attributes`` are the other attributes by name."""
         value, std, unit = quantity.value, quantity.std, fault.unit
-        return cls(fault.channel, fault.kind, value, std, unit, gain, name=fault.name, **further)
+        return cls(
+            fault.channel, fault.kind, value, std, unit, gain, name=fault.name, **other_attributes
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,10 +163,10 @@ class Reconstruction:
     record : name of the record.
     time : ``(N,)``, s.
     measured : output -> ``(N,)`` measurement, in SI units.
-    recorded : output -> reconstruction by integration of the measured inputs.
-    integrated : the same, corrected for the accepted faults.
-    smoothed : the same, by a smoother that also uses the output.
-    used : output -> False where a sample is missing or does not count.
+    recorded : output -> ``(N,)`` reconstruction by integration of the measured inputs.
+    integrated : output -> ``(N,)`` the same after correction for the accepted faults.
+    smoothed : output -> ``(N,)`` reconstruction by a smoother, which also uses the measured output.
+    used : output -> ``(N,)`` mask, False where a sample is missing or excluded.
     """
 
     record: str
@@ -178,11 +185,11 @@ class CheckResult:
     Attributes
     ----------
     records : names of the records.
-    estimates : of all faults but biases.
+    estimates : estimates of all faults except biases.
     biases : estimates of the biases, for one record only.
     findings : accepted faults first.
-    noise_std : channel -> noise in its unit; that of an input is from the random walk of its
-        integral.
+    noise_std : channel -> standard deviation of its noise, in its unit. The integral of the noise
+        of an input is a random walk, from which this deviation is estimated.
     """
 
     records: tuple[str, ...]
@@ -240,7 +247,7 @@ def reconstructions_of(base: KinematicFit, final: KinematicFit) -> tuple[Reconst
 
 # ---- Trial of one fault in addition to others
 
-# a fault is fitted completely where its first-order gain of log likelihood is larger
+# a fault whose first-order gain of log likelihood is larger is fitted with all iterations
 LEAST_PROJECTED_GAIN = 2.5
 CONTRADICTION_P_VALUE = 1e-3  # records contradict each other where the p-value is smaller
 LEAST_FAULT_SIGMAS = 3.0  # smallest weighted mean of single records, in sigmas
@@ -254,7 +261,7 @@ class FaultTrial:
     ----------
     fit : fit with the fault as the last one of its faults.
     size : estimated size.
-    white_variance, variance : variance of the size for white and for coloured residuals.
+    white_variance, variance : variance of the size, computed for white and for coloured residuals.
     gain, p_value : gain of log likelihood under coloured residuals, and its p-value.
     """
 
@@ -273,13 +280,15 @@ class FaultTrial:
 
     @property
     def quantity(self) -> FaultQuantity:
-        """Parameter of the effect, which is the size plus `SensorFault.offset`, and its sigma."""
+        """Parameter of the effect (see `FaultQuantity.of`) and its standard deviation."""
         return FaultQuantity.of(self.fault, self.size, self.variance)
 
 
 def try_faults(base: KinematicFit, faults: Sequence[SensorFault]) -> list[FaultTrial]:
-    """Return the trial of each fault in addition to those of ``base``. Trials are linearised, but a
-    fault with a notable gain or size is fitted completely.
+    """Return the trial of each fault in addition to the faults of ``base``.
+
+    Each fault is first fitted in one linearised step. A fault with a notable gain or size is then
+    fitted with all iterations.
     """
     trials = []
     for fault, linearised_fit in zip(faults, linearised_fits(base, faults), strict=True):
@@ -293,28 +302,33 @@ def try_faults(base: KinematicFit, faults: Sequence[SensorFault]) -> list[FaultT
 def _trial(base: KinematicFit, fault: SensorFault, kinematic_fit: KinematicFit) -> FaultTrial:
     """Return the trial of the last fault of a fit, against the fit ``base`` without it."""
     sigmas = smoother_sigmas(kinematic_fit)
-    white = float(sigmas.covariance[-1, -1])
-    widening = float(sigmas.widening[-1])
-    # Gusts reduce the likelihood too. With recorded controls, only the part of the residual that
-    # the controls explain is compared.
-    before, after = base.cost, kinematic_fit.cost
+    white_variance = float(sigmas.covariance[-1, -1])
+    variance_ratio = float(sigmas.widening[-1])
+    # Gusts change the residuals as faults do. With recorded controls, only the part of the
+    # residuals that is correlated with the controls is compared.
+    cost_without, cost_with = base.cost, kinematic_fit.cost
     if instrumented(base.signals):
         whiteners = [projected_whitener(s, kinematic_fit.noise) for s in kinematic_fit.signals]
-        before, after = least_misfit(base, whiteners), least_misfit(kinematic_fit, whiteners)
-    gain = max(before - after, 0.0) / widening
+        cost_without, cost_with = (
+            least_misfit(base, whiteners),
+            least_misfit(kinematic_fit, whiteners),
+        )
+    gain = max(cost_without - cost_with, 0.0) / variance_ratio
     return FaultTrial(
         fault,
         kinematic_fit,
         float(kinematic_fit.sizes[-1]),
-        white,
-        white * widening,
+        white_variance,
+        white_variance * variance_ratio,
         gain,
         p_value(gain, kinematic_fit.sizes[-1], fault),
     )
 
 
 def p_value(gain: float, size: float, fault: SensorFault) -> float:
-    """Return the probability of a larger gain of log likelihood without the fault."""
+    """Return the probability that the gain of log likelihood is larger although the fault is
+    absent.
+    """
     from scipy.special import chdtrc
 
     two_sided = float(chdtrc(1.0, 2.0 * gain))
@@ -323,15 +337,17 @@ def p_value(gain: float, size: float, fault: SensorFault) -> float:
     return 0.5 * two_sided if size > 0 else 1.0 - 0.5 * two_sided
 
 
-def estimate_of(trial: FaultTrial) -> SensorEstimate:
-    """Return the estimate of a tried fault by both methods."""
+def sensor_estimate(trial: FaultTrial) -> SensorEstimate:
+    """Return the estimate of a fault by the smoother of its trial and by output error."""
     values, covariance = output_error(trial.fit)
-    widening = trial.variance / trial.white_variance if trial.white_variance > 0 else 1.0
-    other_variance = float(covariance[-1, -1]) * widening
-    difference = difference_in_sigmas(float(values[-1]), other_variance, trial.size, trial.variance)
+    variance_ratio = trial.variance / trial.white_variance if trial.white_variance > 0 else 1.0
+    output_error_variance = float(covariance[-1, -1]) * variance_ratio
+    difference = difference_in_sigmas(
+        float(values[-1]), output_error_variance, trial.size, trial.variance
+    )
     return SensorEstimate.of(
         trial.fault,
-        FaultQuantity.of(trial.fault, float(values[-1]), other_variance),
+        FaultQuantity.of(trial.fault, float(values[-1]), output_error_variance),
         trial.quantity,
         difference if trial.determined else 0.0,
         trial.gain,
@@ -341,37 +357,42 @@ def estimate_of(trial: FaultTrial) -> SensorEstimate:
 
 
 def bias_estimates(base: KinematicFit) -> tuple[SensorEstimate, ...]:
-    """Return the estimates of the biases that are unknowns in every fit of one record."""
+    """Return the estimates of the biases, which every fit of a single record contains."""
     sigmas, (values, covariance) = smoother_sigmas(base), output_error(base)
     estimates = []
     for i, item in enumerate(unknowns_of(base.signals[0])):
         if item.key[1] != BIAS:
             continue
         fault = SensorFault(item.key[0], BIAS)
-        widening, value = float(sigmas.widening[i]), float(base.own[0][i])
-        other_value, other_variance = float(values[i]), float(covariance[i, i]) * widening
-        variance = float(sigmas.covariance[i, i]) * widening
+        variance_ratio, value = float(sigmas.widening[i]), float(base.unknown_values[0][i])
+        output_error_value, output_error_variance = (
+            float(values[i]),
+            float(covariance[i, i]) * variance_ratio,
+        )
+        variance = float(sigmas.covariance[i, i]) * variance_ratio
         quantities = [
             FaultQuantity.of(fault, *pair)
-            for pair in ((other_value, other_variance), (value, variance))
+            for pair in ((output_error_value, output_error_variance), (value, variance))
         ]
-        difference = difference_in_sigmas(other_value, other_variance, value, variance)
+        difference = difference_in_sigmas(
+            output_error_value, output_error_variance, value, variance
+        )
         estimates.append(SensorEstimate.of(fault, *quantities, difference, 0.0, 1.0, True))
     return tuple(estimates)
 
 
-def with_more_faults(
+def refitted_with_faults(
     base: KinematicFit, faults: Sequence[SensorFault], sizes: np.ndarray
 ) -> KinematicFit:
-    """Return the fit of one record with the ``faults`` of the joint fit, whose ``sizes (k,)`` are
-    the starting values. Without faults the result is ``base``.
+    """Return ``base``, the fit of one record without faults, refitted with the ``faults`` of the
+    joint fit. Their ``sizes (k,)`` are the starting values. Without faults the result is ``base``.
     """
     return fit(base.signals, faults, base, sizes) if faults else base
 
 
 def records_agree(bases: Sequence[KinematicFit], current: KinematicFit, trial: FaultTrial) -> bool:
-    """Return whether single records agree on the size of a fault, and their weighted mean is
-    significant with the sign of the trial.
+    """Return whether single records agree on the size of a fault, and the weighted mean of their
+    sizes is significant and has the sign of the size in the joint trial.
 
     The fault is tried in each record in addition to the faults of ``current``. ``bases`` are the
     fits of each record without faults.
@@ -381,7 +402,7 @@ def records_agree(bases: Sequence[KinematicFit], current: KinematicFit, trial: F
     if len(bases) < 2:
         return True
     single_trials = [
-        try_faults(with_more_faults(base, current.faults, current.sizes), [trial.fault])[0]
+        try_faults(refitted_with_faults(base, current.faults, current.sizes), [trial.fault])[0]
         for base in bases
     ]
     sizes = np.array([t.size for t in single_trials if t.determined])
@@ -389,38 +410,52 @@ def records_agree(bases: Sequence[KinematicFit], current: KinematicFit, trial: F
     if len(sizes) < 2:
         return False
     mean = float(np.sum(weights * sizes) / np.sum(weights))
-    scatter = float(np.sum(weights * (sizes - mean) ** 2))
-    agree = float(chdtrc(len(sizes) - 1.0, scatter)) > CONTRADICTION_P_VALUE
+    weighted_scatter = float(np.sum(weights * (sizes - mean) ** 2))
+    agree = float(chdtrc(len(sizes) - 1.0, weighted_scatter)) > CONTRADICTION_P_VALUE
     return agree and mean * math.copysign(1.0, trial.size) > LEAST_FAULT_SIGMAS / math.sqrt(
         float(np.sum(weights))
     )
 
 
 def linearised_fits(base: KinematicFit, faults: Sequence[SensorFault]) -> list[KinematicFit]:
-    """Return for each fault the linearised fit with this fault and those of ``base``, under the
-    noise of ``base``.
+    """Return for each fault the fit with this fault and those of ``base``, by one linearised step
+    with the noise variances of ``base``.
     """
-    white, places, slopes = whitened(base), positions(base), []
+    whitened_residuals, rows_of_records, slopes = whitened(base), positions(base), []
     information = np.diag(prior_information(base))
-    gradient = np.zeros(sum(len(own) for own in base.own) + len(base.faults))
-    for s, own, (e, jacobian), where in zip(base.signals, base.own, white, places, strict=True):
+    gradient = np.zeros(
+        sum(len(unknown_values) for unknown_values in base.unknown_values) + len(base.faults)
+    )
+    for s, unknown_values, (e, jacobian), rows in zip(
+        base.signals, base.unknown_values, whitened_residuals, rows_of_records, strict=True
+    ):
         J = jacobian.reshape(-1, jacobian.shape[2])
-        information[np.ix_(where, where)] += J.T @ J
-        gradient[where] += J.T @ e.ravel()
+        information[np.ix_(rows, rows)] += J.T @ J
+        gradient[rows] += J.T @ e.ravel()
         sizes = np.append(base.sizes, np.zeros(len(faults)))
         slopes.append(
-            linearised(s, unknowns_of(s), (*base.faults, *faults), own, sizes)[1][
-                :, :, len(own) + len(base.faults) :
+            linearised(s, unknowns_of(s), (*base.faults, *faults), unknown_values, sizes)[1][
+                :, :, len(unknown_values) + len(base.faults) :
             ]
         )
-    total = sum(len(own) for own in base.own)
-    gradient[:total] -= prior_information(base)[:total] * np.concatenate(base.own)
-    added = [
+    total = sum(len(unknown_values) for unknown_values in base.unknown_values)
+    gradient[:total] -= prior_information(base)[:total] * np.concatenate(base.unknown_values)
+    whitened_slopes = [
         projected_whitener(s, base.noise)(np.where(s.valid[:, :, None], slope, 0.0))
         for s, slope in zip(base.signals, slopes, strict=True)
     ]
     return [
-        _linearised_fit(base, fault, j, white, places, slopes, added, information, gradient)
+        _linearised_fit(
+            base,
+            fault,
+            j,
+            whitened_residuals,
+            rows_of_records,
+            slopes,
+            whitened_slopes,
+            information,
+            gradient,
+        )
         for j, fault in enumerate(faults)
     ]
 
@@ -428,50 +463,52 @@ def linearised_fits(base: KinematicFit, faults: Sequence[SensorFault]) -> list[K
 def _linearised_fit(
     base: KinematicFit,
     fault: SensorFault,
-    j: int,
-    white: Sequence[tuple[np.ndarray, np.ndarray]],
-    places: Sequence[np.ndarray],
+    index: int,
+    whitened_residuals: Sequence[tuple[np.ndarray, np.ndarray]],
+    rows_of_records: Sequence[np.ndarray],
     slopes: Sequence[np.ndarray],
-    added: Sequence[np.ndarray],
+    whitened_slopes: Sequence[np.ndarray],
     information: np.ndarray,
     gradient: np.ndarray,
 ) -> KinematicFit:
-    """Return the linearised fit with the fault at position ``j`` of `linearised_fits`.
+    """Return the linearised fit with ``fault``, the one at ``index`` in `linearised_fits`.
 
     Parameters
     ----------
-    white, places : results of `whitened` and `positions` for ``base``.
-    slopes, added : ``(m, N, F)`` of each record, derivatives with respect to the F faults, plain
-        and whitened.
-    information, gradient : normal equations of ``base``.
+    whitened_residuals, rows_of_records : results of `whitened` and `positions` for ``base``.
+    slopes, whitened_slopes : for each record, ``(m, N, F)`` derivatives of the outputs with respect
+        to the F faults.
+    information, gradient : matrix and right-hand side of the normal equations of ``base``.
     """
     n = len(gradient)
     extended, extended_gradient = np.zeros((n + 1, n + 1)), np.append(gradient, 0.0)
     extended[:n, :n] = information
-    for (e, jacobian), where, columns in zip(white, places, added, strict=True):
-        column = columns[:, :, j].ravel()
+    for (e, jacobian), rows, slope in zip(
+        whitened_residuals, rows_of_records, whitened_slopes, strict=True
+    ):
+        column = slope[:, :, index].ravel()
         extended[n, n] += column @ column
-        extended[where, n] += jacobian.reshape(-1, jacobian.shape[2]).T @ column
+        extended[rows, n] += jacobian.reshape(-1, jacobian.shape[2]).T @ column
         extended_gradient[n] += column @ e.ravel()
     extended[n, :n] = extended[:n, n]
     step = bounded_inverse(extended) @ extended_gradient
     step[n] = float(np.clip(step[n], -fault.largest, fault.largest))
-    own, residuals, jacobians, outputs = [], [], [], []
-    for r, (s, where, slope) in enumerate(zip(base.signals, places, slopes, strict=True)):
-        jacobian = np.concatenate([base.jacobians[r], slope[:, :, j : j + 1]], axis=2)
-        change = jacobian @ np.append(step[where], step[n])
-        own.append(base.own[r] + step[where[: len(base.own[r])]])
+    unknown_values, residuals, jacobians, outputs = [], [], [], []
+    for r, (s, rows, slope) in enumerate(zip(base.signals, rows_of_records, slopes, strict=True)):
+        jacobian = np.concatenate([base.jacobians[r], slope[:, :, index : index + 1]], axis=2)
+        change = jacobian @ np.append(step[rows], step[n])
+        unknown_values.append(base.unknown_values[r] + step[rows[: len(base.unknown_values[r])]])
         residuals.append(np.where(s.valid, base.residuals[r] - change, 0.0))
         jacobians.append(jacobian)
         outputs.append(base.outputs[r] + change)
-    total = sum(len(o) for o in own)
+    total = sum(len(o) for o in unknown_values)
     sizes = np.append(base.sizes + step[total:n], step[n])
     cost = base.cost - 0.5 * max(float(extended_gradient @ step), 0.0)
     return KinematicFit(
         base.signals,
         (*base.faults, fault),
         sizes,
-        tuple(own),
+        tuple(unknown_values),
         base.noise,
         cost,
         tuple(residuals),
@@ -482,49 +519,55 @@ def _linearised_fit(
 
 # ---- Time references: channels without a delay
 
-# channels that change fast enough to show a delay of a fraction of a second; airspeed does not
-_TIMED = ("alpha", "q", "nz", "theta")
+# channels that change fast enough to show a delay of a fraction of a second (airspeed is too slow)
+_FAST_CHANNELS = ("alpha", "q", "nz", "theta")
 
 
 def time_references(signals: Sequence[KinematicSignals]) -> tuple[str, ...]:
-    """Return the channels of which at least one must have no delay: it is the time reference.
+    """Return the channels that may serve as time reference. At least one of them must have no
+    delay, since the kinematics determine only differences of delays.
 
-    Without recorded controls the load is not among them. A gust changes the load before the flight
-    path, so that alpha and q would seem late.
+    Without recorded controls, nz is not among them: a gust changes the load factor before the
+    flight path, so that alpha and q would seem delayed.
     """
     return tuple(
         name
-        for name in _TIMED
+        for name in _FAST_CHANNELS
         if name in signals[0].channels and (name != "nz" or instrumented(signals))
     )
 
 
 def delayed_channels(faults: Iterable[SensorFault]) -> set[str]:
-    """Return the fast channels (``_TIMED``) that these faults delay."""
+    """Return the fast channels (``_FAST_CHANNELS``) that these faults delay."""
     return {
-        fault.channel for fault in faults if fault.kind in (DELAY, LAG) and fault.channel in _TIMED
+        fault.channel
+        for fault in faults
+        if fault.kind in (DELAY, LAG) and fault.channel in _FAST_CHANNELS
     }
 
 
-def leaves_time_reference(faults: Sequence[SensorFault], timed: Sequence[str]) -> bool:
-    """Return whether these faults leave one of the channels ``timed`` without a delay. The
-    kinematics determine only differences of delays.
+def leaves_time_reference(faults: Sequence[SensorFault], references: Sequence[str]) -> bool:
+    """Return whether at least one of the channels ``references`` has no delay if these faults act.
+
+    Without ``references`` the result is True.
     """
     # An accelerometer ahead of the centre of gravity has the same effect as a lag of q.
     delayed = delayed_channels(faults) | {"q" for fault in faults if fault.rare}
-    return not timed or not set(timed) <= delayed
+    return not references or not set(references) <= delayed
 
 
-def reference_sentence(faults: Sequence[SensorFault], timed: Sequence[str]) -> str:
-    """Return a sentence that names the channels in ``timed`` to which the delays of these faults
-    refer; empty where none of them is delayed.
+def reference_sentence(faults: Sequence[SensorFault], references: Sequence[str]) -> str:
+    """Return a sentence that names those of the channels ``references`` that have no delay, to
+    which the estimated delays refer. It is empty if no fault is a delay.
     """
     delayed = delayed_channels(faults)
-    on_time = [name for name in timed if name not in delayed]
+    on_time = [name for name in references if name not in delayed]
     if not delayed or not on_time:
         return ""
     if len(on_time) == 1:
-        first = f"times count from {on_time[0]}, the channel that is least late"
+        reference = f"delays are relative to {on_time[0]}, the channel with the smallest delay"
     else:
-        first = f"times count from {', '.join(on_time[:-1])} and {on_time[-1]}, which agree"
-    return f"{first}: a delay common to all channels cannot be detected from kinematics"
+        reference = (
+            f"delays are relative to {', '.join(on_time[:-1])} and {on_time[-1]}, which agree"
+        )
+    return f"{reference}: a delay common to all channels cannot be detected from kinematics"

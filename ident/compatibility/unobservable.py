@@ -104,10 +104,10 @@ def fault_information(
     k = len(faults)
     total = np.zeros((k, k))
     sizes = np.zeros(k)
-    for s, own in zip(base.signals, base.own, strict=True):
+    for s, unknown_values in zip(base.signals, base.unknown_values, strict=True):
         unknowns = unknowns_of(s)
         free = [i for i, item in enumerate(unknowns) if item.key[1] != BIAS]
-        y, slopes = linearised(s, unknowns, faults, own, sizes)
+        y, slopes = linearised(s, unknowns, faults, unknown_values, sizes)
         columns = slopes[:, :, [*free, *range(len(unknowns), len(unknowns) + k)]]
         for j, fault in enumerate(faults):
             columns[:, :, len(free) + j] *= fault.plausible
@@ -115,7 +115,7 @@ def fault_information(
                 lag_alone = sizes.copy()
                 lag_alone[j] = fault.plausible
                 columns[:, :, len(free) + j] = (
-                    evaluate(s, unknowns, faults, own[None], lag_alone[None])[:, 0] - y
+                    evaluate(s, unknowns, faults, unknown_values[None], lag_alone[None])[:, 0] - y
                 )
         white = projected_whitener(s, noise)(np.where(s.valid[:, :, None], columns, 0.0)).reshape(
             -1, columns.shape[2]

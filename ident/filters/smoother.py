@@ -6,11 +6,11 @@ Frazier (Bierman, "Fixed Interval Smoothing with Discrete Measurements", Int. J.
 exactly, and nearly singular for parameters without process noise.
 
 The covariance of a filter holds for white measurement noise. Coloured noise is correlated between
-samples, so that the record has less information. The correction is that of whole-record fits
-(`ident.statistics.residual_spectrum`): the information matrix is unchanged, and the covariance of
-the gradient is computed with the spectra of the residuals. These are the residuals of a filter that
-starts from the smoothed initial state with zero covariance. Without process noise they are those of
-output error.
+samples, so that the record has less information. The covariance is corrected as for whole-record
+fits (`ident.statistics.residual_spectrum`): the information matrix is unchanged, and the covariance
+of the gradient is computed with the spectra of the residuals. The residuals are the innovations of
+a filter that starts from the smoothed initial state with zero covariance. Without process noise
+they equal the residuals of an output-error fit.
 """
 
 from __future__ import annotations
@@ -51,12 +51,16 @@ class SmoothedHistory:
 def smooth(history: FilterHistory) -> SmoothedHistory:
     """Return the smoothed history of an extended or unscented filter.
 
-    The recursion runs backwards, with r and W zero after the last sample. At sample k, with K =
-    P_pred H^T S^-1 and the innovation nu, it sets r <- H^T S^-1 nu + (I - K H)^T r and W <- H^T
-    S^-1 H + (I - K H)^T W (I - K H), then r <- G^T r and W <- G^T W G with the
-    ``transition`` G. The smoothed values are x_s = x + P r and P_s = P - P W P. A smoothed variance
-    is at most the variance of the filter. Where r or W is not finite, this and all earlier samples
-    keep the values of the filter.
+    The smoothed state and covariance are x_s = x + P r and P_s = P - P W P, where x and P are those
+    of the filter after the update. The adjoint variables r ``(n,)`` and W ``(n, n)`` summarise the
+    later samples, and are zero at the last one. Their recursion runs backwards. At sample k, with
+    the gain K = P_pred H^T S^-1 and the innovation nu,
+
+        r <- H^T S^-1 nu + (I - K H)^T r        W <- H^T S^-1 H + (I - K H)^T W (I - K H)
+
+    and then, with the transition matrix Phi from sample k - 1 to k, r <- Phi^T r and W <- Phi^T W
+    Phi. A smoothed variance is at most the variance of the filter. If r or W is not finite at a
+    sample, this sample and all earlier ones keep the values of the filter.
     """
     N = len(history.time)
     mean, covariance = history.mean.copy(), history.covariance.copy()
@@ -80,27 +84,28 @@ def smooth(history: FilterHistory) -> SmoothedHistory:
 def _adjoint_recursion(history: FilterHistory) -> tuple[np.ndarray, np.ndarray]:
     """Return r ``(N - 1, n)`` and W ``(N - 1, n, n)`` of `smooth` at every sample but the last.
 
-    Both steps of the recursion are combined: r <- c + M^T r and W <- D + M^T W M, with M = (I - K
-    H) G, c = G^T H^T S^-1 nu and D = G^T H^T S^-1 H G of each sample.
+    Both steps of the recursion are combined: r <- c + M^T r and W <- C + M^T W M, with M = (I - K
+    H) Phi, c = Phi^T H^T S^-1 nu and C = Phi^T H^T S^-1 H Phi at each sample.
     """
-    H, G, later = history.sensitivity[1:], history.transition[1:], slice(1, None)
-    N, n = len(G), len(history.names)
+    H, Phi, nu = history.sensitivity[1:], history.transition[1:], history.innovation.T[1:]
+    S, P_pred = history.innovation_covariance[1:], history.predicted_covariance[1:]
+    N, n = len(Phi), len(history.names)
     # A missing channel has zeros in H and a one in S, so that it has no effect.
-    weighted = np.linalg.solve(history.innovation_covariance[later], H).transpose(0, 2, 1)
-    M = G - (history.predicted_covariance[later] @ weighted) @ (H @ G)
-    GtHtSinv = G.transpose(0, 2, 1) @ weighted
-    c, D = (GtHtSinv @ history.innovation.T[later, :, None])[:, :, 0], GtHtSinv @ (H @ G)
+    HtSinv = np.linalg.solve(S, H).transpose(0, 2, 1)
+    M = Phi - (P_pred @ HtSinv) @ (H @ Phi)
+    PhitHtSinv = Phi.transpose(0, 2, 1) @ HtSinv
+    c, C = (PhitHtSinv @ nu[:, :, None])[:, :, 0], PhitHtSinv @ (H @ Phi)
     M_transposed = M.transpose(0, 2, 1)
     r, W = np.empty((N, n)), np.empty((N, n, n))
     if N:
-        r[-1], W[-1] = c[-1], D[-1]
+        r[-1], W[-1] = c[-1], C[-1]
     workspace, dot, add = np.empty((n, n)), np.dot, np.add
     for k in range(N - 1, 0, -1):
         M_T, W_out = M_transposed[k - 1], W[k - 1]
         add(dot(M_T, r[k]), c[k - 1], r[k - 1])
         dot(M_T, W[k], workspace)
         dot(workspace, M[k - 1], W_out)
-        add(W_out, D[k - 1], W_out)
+        add(W_out, C[k - 1], W_out)
     return r, W
 
 
@@ -121,8 +126,8 @@ def _with_bounded_variances(P: np.ndarray, largest: np.ndarray) -> np.ndarray:
 
 # smallest significant autocorrelation, in its standard deviations 1/sqrt(N) for white noise
 _SIGNIFICANT_SIGMAS = 4.0
-# smallest process noise relative to the predicted covariance; P_pred - Phi P Phi^T below this
-# share is rounding
+# P_pred - Phi P Phi^T is taken as rounding error, and not as process noise, below this share of the
+# predicted variances
 _ROUNDING_SHARE = 1e-9
 
 
@@ -134,7 +139,8 @@ class ColouredInnovations:
     ----------
     names : names of the s estimated parameters.
     covariance : ``(s, s)`` corrected covariance.
-    factor : ``(s,)`` corrected standard deviations over those for white noise, at least 1.
+    factor : ``(s,)`` ratio of the corrected standard deviations to those for white noise, at least
+        1.
     lag_one : measured output -> autocorrelation of its whitened residuals at lag one.
     significant : whether the autocorrelation of an output is significantly larger than for white
         noise.
@@ -152,7 +158,7 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
     filter broke down or the correction is not finite.
 
     ``estimate`` is the estimate of an extended or unscented filter with its history. Its parameters
-    are not random walks.
+    must be constants, and not random walks.
     """
     history = estimate.history
     if history is None or estimate.outcome not in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS):
@@ -160,35 +166,35 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
     free = np.flatnonzero(np.diagonal(history.predicted_covariance[0]) > 0.0)
     free_names = [history.names[i] for i in free]
     names = tuple(name for name in estimate.names if name in free_names)
-    at = [free_names.index(name) for name in names]
+    positions = [free_names.index(name) for name in names]
     with np.errstate(all="ignore"):
         try:
-            residual, slopes = _whitened(history, np.square(estimate.noise_std))
+            residuals, slopes = _whitened_innovations(history, np.square(estimate.noise_std))
         except np.linalg.LinAlgError:
             return None
         slopes = slopes[:, :, free]
-        prior = np.sqrt(np.diagonal(history.predicted_covariance[0])[free])
-        scaled = slopes * prior
-        information = np.einsum("imj,imk->jk", scaled, scaled)
-        if not (np.all(np.isfinite(information)) and np.all(np.isfinite(residual))):
+        prior_std = np.sqrt(np.diagonal(history.predicted_covariance[0])[free])
+        scaled_slopes = slopes * prior_std
+        information = np.einsum("imj,imk->jk", scaled_slopes, scaled_slopes)
+        if not (np.all(np.isfinite(information)) and np.all(np.isfinite(residuals))):
             return None
         try:
             inverse = np.linalg.inv(information + np.eye(len(free)))
         except np.linalg.LinAlgError:
             return None
-        record_part = np.arange(len(free)), scaled, residual, history.valid
+        record = np.arange(len(free)), scaled_slopes, residuals, history.valid
         try:
-            result = corrected_covariance(
-                inverse, [record_part], np.ones(len(residual)), np.eye(len(free))
+            corrected = corrected_covariance(
+                inverse, [record], np.ones(len(residuals)), np.eye(len(free))
             )
         except np.linalg.LinAlgError:
             return None
-    scale = prior[at]
-    covariance = result[np.ix_(at, at)] * np.outer(scale, scale)
-    white = np.diagonal(inverse)[at] * scale**2
-    if not (np.all(np.isfinite(covariance)) and np.all(white > 0.0)):
+    scale = prior_std[positions]
+    covariance = corrected[np.ix_(positions, positions)] * np.outer(scale, scale)
+    white_variance = np.diagonal(inverse)[positions] * scale**2
+    if not (np.all(np.isfinite(covariance)) and np.all(white_variance > 0.0)):
         return None
-    outputs = zip(estimate.output_names, residual, history.valid, strict=True)
+    outputs = zip(estimate.output_names, residuals, history.valid, strict=True)
     rows = [(name, row, valid) for name, row, valid in outputs if valid.any()]
     lag_one = {name: _lag_one(row, valid) for name, row, valid in rows}
     significant = any(
@@ -198,7 +204,7 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
     return ColouredInnovations(
         names,
         covariance,
-        np.sqrt(np.maximum(np.diagonal(covariance) / white, 1.0)),
+        np.sqrt(np.maximum(np.diagonal(covariance) / white_variance, 1.0)),
         lag_one,
         significant,
     )
@@ -214,52 +220,55 @@ def with_coloured_covariance(estimate: Estimate) -> Estimate:
     return replace(estimate, covariance=correction.covariance)
 
 
-def _whitened(history: FilterHistory, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the residuals ``(m, N)`` and their derivatives ``(m, N, n)``, whitened to unit
-    variance, of a filter that starts from the smoothed initial state and parameters.
+def _whitened_innovations(
+    history: FilterHistory, variance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the innovations ``(m, N)`` of a second filter and their derivatives ``(m, N, n)`` with
+    respect to the initial states and parameters, whitened to unit variance.
 
-    This filter uses the linearisation in the history. Its covariance comes from the process noise
-    alone.
+    The second filter starts from the smoothed initial states and parameters with zero covariance,
+    which only process noise increases. It uses the Jacobians of the history. ``variance (m,)`` is
+    that of the measurement noise.
     """
     H, Phi, n, N = history.sensitivity, history.transition, len(history.names), len(history.time)
     noise = _process_noise(history)
-    x, D, P = smooth(history).mean[:, 0], np.eye(n), np.zeros((n, n))
+    x, slopes_of_x, P = smooth(history).mean[:, 0], np.eye(n), np.zeros((n, n))
     m, R = len(variance), np.diag(variance)
-    residual, slopes = np.zeros((m, N)), np.zeros((m, N, n))
+    residuals, slopes = np.zeros((m, N)), np.zeros((m, N, n))
     for k in range(N):
         if k:
             x = history.predicted_mean[:, k] + Phi[k] @ (x - history.mean[:, k - 1])
-            D = Phi[k] @ D
+            slopes_of_x = Phi[k] @ slopes_of_x
             if noise is not None:
                 P = Phi[k] @ P @ Phi[k].T + noise[k]
         e = history.innovation[:, k] + H[k] @ (history.predicted_mean[:, k] - x)
-        S, J = R + H[k] @ P @ H[k].T, H[k] @ D
+        S, J = R + H[k] @ P @ H[k].T, H[k] @ slopes_of_x
         root = np.linalg.cholesky(S)
-        residual[:, k], slopes[:, k] = np.linalg.solve(root, e), np.linalg.solve(root, J)
+        residuals[:, k], slopes[:, k] = np.linalg.solve(root, e), np.linalg.solve(root, J)
         if noise is not None:
             K = np.linalg.solve(S, H[k] @ P).T
             x, I_KH = x + K @ e, np.eye(n) - K @ H[k]
-            D, P = I_KH @ D, I_KH @ P @ I_KH.T + K @ R @ K.T
-    return np.where(history.valid, residual, 0.0), slopes
+            slopes_of_x, P = I_KH @ slopes_of_x, I_KH @ P @ I_KH.T + K @ R @ K.T
+    return np.where(history.valid, residuals, 0.0), slopes
 
 
 def _process_noise(history: FilterHistory) -> np.ndarray | None:
     """Return the process noise Q_k ``(N, n, n)`` of each prediction; None if all is rounding."""
     Phi, after = history.transition[1:], history.covariance[:-1]
     before = history.predicted_covariance[1:]
-    added = before - Phi @ after @ Phi.transpose(0, 2, 1)
-    scale = np.sqrt(np.maximum(np.diagonal(before, axis1=1, axis2=2), 0.0))
-    added[np.abs(added) <= _ROUNDING_SHARE * (scale[:, :, None] * scale[:, None])] = 0.0
-    if not np.any(added):
+    noise = before - Phi @ after @ Phi.transpose(0, 2, 1)
+    std = np.sqrt(np.maximum(np.diagonal(before, axis1=1, axis2=2), 0.0))
+    noise[np.abs(noise) <= _ROUNDING_SHARE * (std[:, :, None] * std[:, None])] = 0.0
+    if not np.any(noise):
         return None
     return np.concatenate(
-        [np.zeros((1, *added.shape[1:])), 0.5 * (added + added.transpose(0, 2, 1))]
+        [np.zeros((1, *noise.shape[1:])), 0.5 * (noise + noise.transpose(0, 2, 1))]
     )
 
 
-def _lag_one(row: np.ndarray, valid: np.ndarray) -> float:
+def _lag_one(residuals: np.ndarray, valid: np.ndarray) -> float:
     """Return the autocorrelation at lag one of the ``valid`` samples of a ``row (N,)``."""
-    pairs, power = valid[1:] & valid[:-1], float(np.sum(np.square(row[valid])))
+    pairs, power = valid[1:] & valid[:-1], float(np.sum(np.square(residuals[valid])))
     if not power > 0.0:
         return 0.0
-    return float(np.sum(row[1:][pairs] * row[:-1][pairs]) / power)
+    return float(np.sum(residuals[1:][pairs] * residuals[:-1][pairs]) / power)

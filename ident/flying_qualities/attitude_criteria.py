@@ -1,5 +1,5 @@
 """Criteria of pitch attitude: bandwidth and phase delay of an estimated response, dropback and step
-response of a fitted one, and the pilot-in-the-loop criterion of Neal and Smith.
+response of a fitted one.
 """
 
 from __future__ import annotations
@@ -23,14 +23,18 @@ from ident.frequency_response.transfer_function import (
 NEUTRAL_PHASE = -180.0  # deg, phase of neutral stability
 BANDWIDTH_PHASE_MARGIN = 45.0  # deg, phase margin that defines the bandwidth
 GAIN_MARGIN = 6.0  # dB, gain margin that defines the bandwidth
-PARABOLA_HALF_WIDTH = 0.2  # half width in ln(omega) of the parabola about a crossing
+PARABOLA_HALF_WIDTH = 0.2  # half width in ln(omega) of the points to which a parabola is fitted
 _FEWEST_PARABOLA_POINTS = 5
-_PHASE_DELAY_POINTS = 41  # points of the straight line of the phase delay
-_STARTING_PHASE = -60.0  # deg, usual phase of an attitude at low frequency; determines its sign
+_PHASE_DELAY_POINTS = 41  # points to which the straight line of the phase delay is fitted
+# deg, usual phase of an attitude at low frequency; a response with a phase nearer to the opposite
+# of it has its sign reversed
+_STARTING_PHASE = -60.0
+_BAND_TOLERANCE = 1e-3  # relative excess over the usable band that the phase delay tolerates
+_CROSSING_STEPS = 4  # Newton steps to a crossing; the parabola makes them converge fast
 
 
 @dataclass(frozen=True)
-class BandwidthQuantity:
+class UncertainValue:
     """A number with its standard deviation."""
 
     value: float
@@ -47,20 +51,21 @@ class Bandwidth:
     neutral : frequency, rad/s, at which the phase is -180 deg.
     phase : phase bandwidth, rad/s, the frequency at which the phase is -135 deg.
     gain : gain bandwidth, rad/s, the frequency at which the gain is 6 dB above that at ``neutral``.
-    delay : phase delay, s, by a straight line through the phase from ``neutral`` to twice that.
+    delay : phase delay, s, by a straight line fitted to the phase from ``neutral`` to twice this
+        frequency.
     notes : sentences that say why a quantity is None.
     """
 
-    neutral: BandwidthQuantity | None
-    phase: BandwidthQuantity | None
-    gain: BandwidthQuantity | None
-    delay: BandwidthQuantity | None
+    neutral: UncertainValue | None
+    phase: UncertainValue | None
+    gain: UncertainValue | None
+    delay: UncertainValue | None
     notes: tuple[str, ...] = ()
 
     @property
-    def bandwidth(self) -> BandwidthQuantity | None:
-        """Smaller one of phase and gain bandwidth, which applies to rate response types; None if
-        one of them is None. For attitude response types, the phase bandwidth applies.
+    def bandwidth(self) -> UncertainValue | None:
+        """Smaller one of phase and gain bandwidth; None if one of them is None. It applies to rate
+        response types. To attitude response types, the phase bandwidth applies.
         """
         both = [each for each in (self.phase, self.gain) if each is not None]
         return min(both, key=lambda each: each.value) if len(both) == 2 else None
@@ -94,9 +99,9 @@ class AttitudeCurve:
 def attitude_bandwidth(target: ResponseTarget, *, rate: bool) -> Bandwidth:
     """Return bandwidth and phase delay from an estimated response in its usable band.
 
-    Each crossing is found by a parabola through the points about it. Errors of neighbouring points
-    are correlated. ``rate`` says whether the output is a pitch rate, which is then integrated. The
-    sign of a response with negative gain is reversed.
+    Each crossing is found by a parabola fitted to the points about it. Standard deviations account
+    for the correlation of neighbouring points. ``rate`` says whether the output is a pitch rate,
+    which is then integrated. The sign of a response with negative gain is reversed.
     """
     curve = attitude_curve(target, rate=rate)
     notes: list[str] = []
@@ -111,14 +116,22 @@ def attitude_bandwidth(target: ResponseTarget, *, rate: bool) -> Bandwidth:
     if neutral is None:
         notes.append(f"no gain bandwidth and phase delay: no phase of -180 deg; {band}")
         return Bandwidth(neutral, phase, gain, delay, tuple(notes))
-    there = parabola_at(curve, curve.gain, curve.gain_std, neutral.value)
-    level, level_std = there.value, math.hypot(there.std, there.slope * neutral.std / neutral.value)
+    gain_at_neutral = parabola_at(curve, curve.gain, curve.gain_std, neutral.value)
+    neutral_gain, neutral_gain_std = (
+        gain_at_neutral.value,
+        math.hypot(gain_at_neutral.std, gain_at_neutral.slope * neutral.std / neutral.value),
+    )
     gain = _crossing(
-        curve, curve.gain, curve.gain_std, level + GAIN_MARGIN, level_std, before=neutral.value
+        curve,
+        curve.gain,
+        curve.gain_std,
+        neutral_gain + GAIN_MARGIN,
+        neutral_gain_std,
+        before=neutral.value,
     )
     if gain is None:
         notes.append(f"no gain bandwidth: the gain is nowhere 6 dB above that at -180 deg; {band}")
-    if 2.0 * neutral.value > curve.omega[-1] * 1.001:
+    if 2.0 * neutral.value > curve.omega[-1] * (1.0 + _BAND_TOLERANCE):
         notes.append(f"no phase delay: it needs {2.0 * neutral.value:.3g} rad/s, and {band}")
     else:
         delay = _phase_delay(curve, neutral.value)
@@ -126,10 +139,9 @@ def attitude_bandwidth(target: ResponseTarget, *, rate: bool) -> Bandwidth:
 
 
 PITCH_SOURCE = "MIL-STD-1797A, 4.2.1.2, category A; points of its figure not verified"
-# rad/s and s. The standard prints a figure. Its points are those of MATLAB routines by C. Regan,
-# 2006, after P. Stoliker, where they are marked as to be checked; the first of level 1 there, 11.2
-# rad/s at no delay, lies on no boundary and is left out. Beyond the last point nothing is known:
-# both limits go on level here, and are drawn broken.
+# Boundaries of levels 1 and 2 as points (bandwidth, rad/s; phase delay, s), read from the figure of
+# the standard by MATLAB routines of C. Regan, 2006, after P. Stoliker. Those routines mark them as
+# unverified. Their point of level 1 at 11.2 rad/s and no delay lies off the boundary: left out.
 PITCH_LEVELS: tuple[tuple[tuple[float, float], ...], ...] = (
     (
         (6.5, 0.0),
@@ -158,20 +170,23 @@ PITCH_LEVELS: tuple[tuple[tuple[float, float], ...], ...] = (
 def pitch_bandwidth_level(bandwidth: float, delay: float) -> int:
     """Return the level, 1 to 3, for a bandwidth, rad/s, and a phase delay, s, of pitch in flight
     phases of category A.
+
+    A boundary is not extrapolated: a delay beyond its last point does not meet its level.
     """
     for level, points in enumerate(PITCH_LEVELS, start=1):
-        least, delays = (np.array(each) for each in zip(*points, strict=True))
-        if delay <= delays[-1] and bandwidth >= float(np.interp(delay, delays, least)):
+        bandwidths, delays = (np.array(each) for each in zip(*points, strict=True))
+        if delay <= delays[-1] and bandwidth >= float(np.interp(delay, delays, bandwidths)):
             return level
     return 3
 
 
-def dropback(function: FittedResponse) -> BandwidthQuantity | None:
-    """Return the dropback over the steady pitch rate, s, of a fitted response of pitch rate; None
-    for a form other than ``pitch``.
+def dropback(function: FittedResponse) -> UncertainValue | None:
+    """Return the ratio, s, of dropback to steady pitch rate for a fitted response of pitch rate;
+    None for a form other than ``pitch``.
 
-    It is T_theta2 - 2 damping/frequency - delay. When the stick returns after a step, the attitude
-    falls back by this time multiplied by the steady rate. A negative value is an overshoot.
+    The ratio is T_theta2 - 2 damping/frequency - delay. When the stick returns after a step, the
+    attitude falls back by this ratio multiplied by the steady rate. A negative value is an
+    overshoot.
     """
     if function.form is not FORMS["pitch"]:
         return None
@@ -182,14 +197,14 @@ def dropback(function: FittedResponse) -> BandwidthQuantity | None:
     if not all(abs(function.values[name]) > 1e-9 for name in ("inv_T_theta2", "frequency")):
         return None
     result = propagated(function, value)
-    return None if result is None else BandwidthQuantity(*result)
+    return None if result is None else UncertainValue(*result)
 
 
 def propagated(
     function: FittedResponse, value: Callable[[Mapping[str, float]], float]
 ) -> tuple[float, float] | None:
-    """Return a quantity of the parameters of a fit with its standard deviation by linearisation;
-    None if not finite.
+    """Return value and standard deviation, by linearisation, of the quantity that ``value``
+    computes from the parameters of a fit; None if they are not finite.
     """
     p = dict(function.values)
     slopes = []
@@ -208,17 +223,22 @@ def propagated(
 
 def attitude_curve(target: ResponseTarget, *, rate: bool) -> AttitudeCurve:
     """Return the attitude response of a target. ``rate`` says whether the target is the response of
-    a rate, which is then integrated. Multiples of 180 deg are added so that the phase begins near
-    ``_STARTING_PHASE``.
+    a rate, which is then integrated. A multiple of 180 deg is added to the phase so that it begins
+    near ``_STARTING_PHASE``.
     """
     omega = target.omega
     response = target.response / (1j * omega) if rate else target.response
     phase = np.degrees(np.unwrap(np.angle(response)))
     phase -= 180.0 * np.round((phase[0] - _STARTING_PHASE) / 180.0)
-    share = target.std / np.abs(target.response)
+    relative_std = target.std / np.abs(target.response)
     gain = 20.0 * np.log10(np.abs(response))
     return AttitudeCurve(
-        omega, gain, phase, 20.0 / math.log(10.0) * share, np.degrees(share), target.length
+        omega,
+        gain,
+        phase,
+        20.0 / math.log(10.0) * relative_std,
+        np.degrees(relative_std),
+        target.length,
     )
 
 
@@ -229,9 +249,9 @@ def _crossing(
     level: float,
     level_std: float,
     before: float | None = None,
-) -> BandwidthQuantity | None:
-    """Return the first frequency at which a curve falls through a level, or the last one below the
-    frequency ``before``; None if there is none.
+) -> UncertainValue | None:
+    """Return the first frequency, rad/s, at which a curve falls through a level, or with ``before``
+    the last one below this frequency; None if there is none.
 
     ``level_std`` is the standard deviation of the level itself.
     """
@@ -240,17 +260,17 @@ def _crossing(
         below = below[curve.omega[below] < before][::-1]
     if not below.size:
         return None
-    at = float(curve.omega[below[0]])
-    for _ in range(4):
-        near = parabola_at(curve, values, std, at)
-        if not near.slope < 0.0:
+    omega = float(curve.omega[below[0]])
+    for _ in range(_CROSSING_STEPS):
+        parabola = parabola_at(curve, values, std, omega)
+        if not parabola.slope < 0.0:
             break
-        step = math.exp((level - near.value) / near.slope)
-        at = float(np.clip(at * step, curve.omega[0], curve.omega[-1]))
-    near = parabola_at(curve, values, std, at)
-    if not near.slope < 0.0:
+        ratio = math.exp((level - parabola.value) / parabola.slope)
+        omega = float(np.clip(omega * ratio, curve.omega[0], curve.omega[-1]))
+    parabola = parabola_at(curve, values, std, omega)
+    if not parabola.slope < 0.0:
         return None
-    return BandwidthQuantity(at, at * math.hypot(near.std, level_std) / abs(near.slope))
+    return UncertainValue(omega, omega * math.hypot(parabola.std, level_std) / abs(parabola.slope))
 
 
 @dataclass(frozen=True)
@@ -272,18 +292,24 @@ class Parabola:
 
 
 def parabola_at(curve: FrequencyPoints, values: np.ndarray, std: np.ndarray, at: float) -> Parabola:
-    """Return the parabola in ln(omega) through the points of a curve about the frequency ``at``,
+    """Return the parabola in ln(omega) fitted to the points of a curve about the frequency ``at``,
     rad/s.
 
     ``values (F,)`` are those of the curve, and ``std (F,)`` their standard deviations. Errors of
     neighbouring points are correlated.
     """
-    gain, covariance, near = parabola_weights(curve, std, at)
-    result = gain @ values[near]
-    spread = math.sqrt(max(float(covariance[0, 0]), 0.0))
+    point_weights, covariance, near = parabola_weights(curve, std, at)
+    coefficients = point_weights @ values[near]
+    value_std = math.sqrt(max(float(covariance[0, 0]), 0.0))
     weights = np.zeros(curve.omega.size)
-    weights[near] = gain[0]
-    return Parabola(float(result[0]), float(result[1]), 2.0 * float(result[2]), spread, weights)
+    weights[near] = point_weights[0]
+    return Parabola(
+        float(coefficients[0]),
+        float(coefficients[1]),
+        2.0 * float(coefficients[2]),
+        value_std,
+        weights,
+    )
 
 
 def parabola_weights(
@@ -299,35 +325,48 @@ def parabola_weights(
     ]
     near.sort()
     powers = np.column_stack([np.ones(near.size), x[near], x[near] ** 2])
-    gain = np.asarray(np.linalg.pinv(powers / std[near, None]) / std[near])
-    return gain, np.asarray(gain @ shared_covariance(curve, std[near], near) @ gain.T), near
+    weights = np.asarray(np.linalg.pinv(powers / std[near, None]) / std[near])
+    return (
+        weights,
+        np.asarray(weights @ shared_covariance(curve, std[near], near) @ weights.T),
+        near,
+    )
 
 
-def _phase_delay(curve: AttitudeCurve, neutral: float) -> BandwidthQuantity:
+def _phase_delay(curve: AttitudeCurve, neutral: float) -> UncertainValue:
     """Return the phase delay, s: minus half of the slope of the phase, rad over rad/s.
 
     The slope is that of the regression line from the frequency ``neutral`` of -180 deg to twice
-    this frequency. The phase is interpolated linearly at even distances.
+    this frequency, through phases interpolated linearly at equidistant frequencies.
     """
     first = max(int(np.searchsorted(curve.omega, neutral)) - 1, 0)
     last = min(int(np.searchsorted(curve.omega, 2.0 * neutral)) + 1, curve.omega.size)
-    places = np.arange(first, last)
-    at = np.linspace(neutral, 2.0 * neutral, _PHASE_DELAY_POINTS)
-    joined = np.array([np.interp(at, curve.omega[places], row) for row in np.eye(places.size)]).T
-    gain = np.linalg.pinv(np.column_stack([np.ones(at.size), at - neutral])) @ joined
-    covariance = gain @ shared_covariance(curve, curve.phase_std[places], places) @ gain.T
+    positions = np.arange(first, last)
+    frequencies = np.linspace(neutral, 2.0 * neutral, _PHASE_DELAY_POINTS)
+    interpolation = np.array(
+        [np.interp(frequencies, curve.omega[positions], row) for row in np.eye(positions.size)]
+    ).T
+    line_weights = (
+        np.linalg.pinv(np.column_stack([np.ones(frequencies.size), frequencies - neutral]))
+        @ interpolation
+    )
+    covariance = (
+        line_weights
+        @ shared_covariance(curve, curve.phase_std[positions], positions)
+        @ line_weights.T
+    )
     half = 0.5 * math.pi / 180.0
-    slope = float(gain[1] @ curve.phase[places])
-    return BandwidthQuantity(-half * slope, half * math.sqrt(max(float(covariance[1, 1]), 0.0)))
+    slope = float(line_weights[1] @ curve.phase[positions])
+    return UncertainValue(-half * slope, half * math.sqrt(max(float(covariance[1, 1]), 0.0)))
 
 
-def shared_covariance(curve: FrequencyPoints, std: np.ndarray, places: np.ndarray) -> np.ndarray:
+def shared_covariance(curve: FrequencyPoints, std: np.ndarray, positions: np.ndarray) -> np.ndarray:
     """Return the covariance ``(N, N)`` of the errors of the points at the positions ``places
     (N,)``, from their standard deviations ``std (N,)`` and the correlation of neighbours.
     """
     length = np.broadcast_to(curve.length, curve.omega.shape)
     correlation = _correlation(curve.omega.tobytes(), np.asarray(length, dtype=float).tobytes())
-    return correlation[np.ix_(places, places)] * np.outer(std, std)
+    return correlation[np.ix_(positions, positions)] * np.outer(std, std)
 
 
 @lru_cache(maxsize=8)
@@ -336,185 +375,6 @@ def _correlation(omega: bytes, length: bytes) -> np.ndarray:
     lengths as bytes. It is cached, since all parabolas of a curve use it.
     """
     return shared_correlation(np.frombuffer(omega), np.frombuffer(length))
-
-
-LARGEST_DROOP = -3.0  # dB, smallest gain of the closed loop below the bandwidth
-LEVELS = (3.0, 9.0)  # dB, largest resonance of levels 1 and 2
-PILOT_DELAY = 0.25  # s, delay of the pilot
-RESPONSE_DRAWS = 100  # samples of the response for standard deviations
-SCAN_POINTS = 60  # frequencies of a scan
-SEED = 20  # seed of the random numbers
-_LARGEST_COMPENSATION = 85.0  # deg of lead or lag
-_COMPENSATION_POINTS = 69  # compensations that are tried
-
-
-@dataclass(frozen=True)
-class PilotDemand:
-    """Task of the pilot: the required closed-loop ``bandwidth``, rad/s, and the ``delay`` of the
-    pilot, s.
-    """
-
-    bandwidth: float
-    delay: float = PILOT_DELAY
-
-
-@dataclass(frozen=True)
-class NealSmith:
-    """Result of the Neal-Smith criterion.
-
-    Attributes
-    ----------
-    demand : the task.
-    resonance : peak of the closed loop, dB.
-    compensation : phase of the pilot's lead (positive) or lag at the bandwidth, deg, without the
-        delay.
-    level : level 1, 2 or 3 by the resonance.
-    best, worst : best and worst level within two standard deviations.
-    droop : smallest gain of the closed loop below the bandwidth, dB.
-    correlation : correlation of the errors of resonance and compensation.
-    notes : sentences on limits of the result.
-    """
-
-    demand: PilotDemand
-    resonance: BandwidthQuantity
-    compensation: BandwidthQuantity
-    level: int
-    best: int
-    worst: int
-    droop: float
-    correlation: float = 0.0
-    notes: tuple[str, ...] = ()
-
-
-def resonance_level(resonance: float) -> int:
-    """Return the level, 1 to 3, of a resonance, dB, by MIL-STD-1797A."""
-    return 1 + int(resonance > LEVELS[0]) + int(resonance > LEVELS[1])
-
-
-def neal_smith(curve: AttitudeCurve, demand: PilotDemand) -> NealSmith | str:
-    """Return the Neal-Smith criterion for an attitude response in its usable band, or a sentence
-    that says why it cannot be applied.
-
-    The response is smoothed by parabolas about each frequency. Standard deviations follow from
-    ``RESPONSE_DRAWS`` random samples of its correlated errors: the pilot is adjusted to each.
-    """
-    low, high = float(curve.omega[0]), float(curve.omega[-1])
-    if not low * 2.0 <= demand.bandwidth <= high / 1.2:
-        return (
-            f"no Neal-Smith pilot: a bandwidth of {demand.bandwidth:.3g} rad/s needs a usable band "
-            f"from half of it to 1.2 times it, and it is {low:.3g} to {high:.3g} rad/s"
-        )
-    omega = np.unique(np.append(np.geomspace(low, high, SCAN_POINTS), demand.bandwidth))
-    centre, draws = _smoothed(curve, omega)
-    result = _adjusted_pilots(omega, centre[None], demand)
-    if result is None:
-        return "no Neal-Smith pilot: no lead or lag gives the bandwidth"
-    resonance, compensation, droop = (float(each[0]) for each in result)
-    sampled = _adjusted_pilots(omega, draws, demand)
-    assert sampled is not None
-    stds = [float(np.std(each)) for each in sampled[:2]]
-    correlation = np.corrcoef(sampled[0], sampled[1])[0, 1] if min(stds) > 0.0 else 0.0
-    levels = [resonance_level(resonance + sign * 2.0 * stds[0]) for sign in (-1.0, 1.0)]
-    notes = []
-    if droop < LARGEST_DROOP - 0.05:
-        notes.append(f"the closed loop droops by {-droop:.2g} dB, more than the 3 dB allowed")
-    closed = _closed_loop_gain(omega, centre[None], demand, np.array([compensation]))
-    if int(np.argmax(closed[0])) == omega.size - 1:
-        notes.append("the resonance lies at the end of the usable band and may be larger")
-    return NealSmith(
-        demand,
-        BandwidthQuantity(resonance, stds[0]),
-        BandwidthQuantity(compensation, stds[1]),
-        resonance_level(resonance),
-        levels[0],
-        levels[1],
-        droop,
-        float(correlation),
-        tuple(notes),
-    )
-
-
-def _smoothed(curve: AttitudeCurve, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the complex attitude response at ``omega (F,)``, smoothed by parabolas, and D random
-    samples of it ``(D, F)``.
-    """
-    rng = np.random.default_rng(SEED)
-    places = np.arange(curve.omega.size)
-    rows = []
-    for values, std in ((curve.gain, curve.gain_std), (curve.phase, curve.phase_std)):
-        covariance = shared_covariance(curve, std, places)
-        # The approximate correlations may form an indefinite matrix: negative eigenvalues are set
-        # to zero before the root is taken.
-        sizes, turned = np.linalg.eigh(covariance)
-        root = (turned * np.sqrt(np.maximum(sizes, 0.0))) @ turned.T
-        noisy = values + (root @ rng.standard_normal((values.size, RESPONSE_DRAWS))).T
-        zero = np.zeros_like(std)
-        matrix = np.array([parabola_at(curve, zero, std, at).weights for at in omega])
-        rows.append((matrix @ values, noisy @ matrix.T))
-    gain, phase = rows
-    return _complex_response(gain[0], phase[0]), _complex_response(gain[1], phase[1])
-
-
-def _complex_response(gain: np.ndarray, phase: np.ndarray) -> np.ndarray:
-    """Return complex responses from gains, dB, and phases, deg."""
-    return np.asarray(10.0 ** (gain / 20.0) * np.exp(1j * np.radians(phase)))
-
-
-def _closed_loop_gain(
-    omega: np.ndarray, attitude: np.ndarray, demand: PilotDemand, compensation: np.ndarray
-) -> np.ndarray:
-    """Return the gain ``(D, F)`` of the closed loop, dB, for the pilot's ``compensation (D,)``, deg
-    at the bandwidth. The gain of the pilot is such that the closed loop has a phase of -90 deg at
-    the bandwidth; the result is NaN if no gain has this effect.
-    """
-    at = int(np.searchsorted(omega, demand.bandwidth))
-    turn = np.tan(np.radians(np.abs(compensation)))[:, None] * omega / demand.bandwidth
-    pilot = np.where(compensation[:, None] >= 0.0, 1.0 + 1j * turn, 1.0 / (1.0 + 1j * turn))
-    loop = attitude * pilot * np.exp(-1j * omega * demand.delay)
-    # T = L/(1 + L) is on the negative imaginary axis where |L| = -cos(angle of L).
-    angle = np.angle(loop[:, at])
-    size = np.where((np.cos(angle) < 0.0) & (np.sin(angle) < 0.0), -np.cos(angle), np.nan)
-    loop = loop * (size / np.abs(loop[:, at]))[:, None]
-    with np.errstate(invalid="ignore"):
-        return np.asarray(20.0 * np.log10(np.abs(loop) / np.abs(1.0 + loop)))
-
-
-def _adjusted_pilots(
-    omega: np.ndarray, attitude: np.ndarray, demand: PilotDemand
-) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Return resonance, compensation and droop, ``(D,)``, of pilots adjusted to D responses."""
-    below = omega <= demand.bandwidth * (1.0 + 1e-9)
-    tried = np.linspace(-_LARGEST_COMPENSATION, _LARGEST_COMPENSATION, _COMPENSATION_POINTS)
-    # The droop of every compensation on a grid.
-    droops = []
-    for each in tried:
-        closed = _closed_loop_gain(omega, attitude, demand, np.full(len(attitude), each))
-        droops.append(np.min(closed[:, below], axis=1))
-    table = np.array(droops)  # (C, D)
-    if np.all(np.isnan(table[:, 0])):
-        return None
-    out = np.array([_largest_allowed_lead(tried, column) for column in table.T])
-    closed = _closed_loop_gain(omega, attitude, demand, out)
-    return np.max(closed, axis=1), out, np.min(closed[:, below], axis=1)
-
-
-def _largest_allowed_lead(tried: np.ndarray, droop: np.ndarray) -> float:
-    """Return the largest lead, deg, for which the droop is at most 3 dB, interpolated between the
-    compensations ``tried (C,)``; or the compensation with the least droop if none is allowed.
-
-    More lead makes the closed loop droop, and less makes it resonate. ``droop (C,)`` is in dB.
-    """
-    finite_rows = np.flatnonzero(np.isfinite(droop))
-    allowed = finite_rows[droop[finite_rows] >= LARGEST_DROOP]
-    if not finite_rows.size:
-        return math.nan
-    if not allowed.size:
-        return float(tried[finite_rows[np.argmax(droop[finite_rows])]])
-    best = int(allowed[-1])
-    if best + 1 >= tried.size or not np.isfinite(droop[best + 1]):
-        return float(tried[best])
-    share = (LARGEST_DROOP - droop[best]) / (droop[best + 1] - droop[best])
-    return float(tried[best] + share * (tried[best + 1] - tried[best]))
 
 
 # ---- Steps of a fitted response
@@ -535,7 +395,7 @@ def step_response(function: FittedResponse, duration: float | None = None) -> St
     """Return the step response of a fitted transfer function, relative to its steady value, with
     standard deviations by linearisation; None if it has no steady value.
 
-    ``duration`` is in s; None takes eight time constants of the slowest mode, at most 10 s.
+    ``duration`` is in s; for None it is eight time constants of the slowest mode, but at most 10 s.
     """
     from scipy import signal
 
@@ -546,17 +406,17 @@ def step_response(function: FittedResponse, duration: float | None = None) -> St
     time = np.linspace(0.0, length, 301)
 
     def value(p: Mapping[str, float]) -> np.ndarray:
-        top, bottom = function.form.polynomials(p)
-        _, out = signal.step((top, bottom), T=np.linspace(0.0, length, 301))
-        delayed = np.interp(time - p["delay"], time, out, left=0.0)
-        return np.asarray(delayed * bottom[-1] / top[-1])
+        numerator, denominator = function.form.polynomials(p)
+        _, response = signal.step((numerator, denominator), T=np.linspace(0.0, length, 301))
+        delayed = np.interp(time - p["delay"], time, response, left=0.0)
+        return np.asarray(delayed * denominator[-1] / numerator[-1])
 
     return StepResponse(time, value(function.values), _standard_deviations(function, value))
 
 
-def pitch_overshoot(function: FittedResponse) -> BandwidthQuantity | None:
-    """Return the largest pitch rate over the steady one after a step; None for a form other than
-    ``pitch``, or without a steady value.
+def pitch_overshoot(function: FittedResponse) -> UncertainValue | None:
+    """Return the ratio of the largest to the steady pitch rate after a step; None for a form other
+    than ``pitch``, or without a steady value.
     """
     if function.form is not FORMS["pitch"]:
         return None
@@ -564,13 +424,15 @@ def pitch_overshoot(function: FittedResponse) -> BandwidthQuantity | None:
     if step is None:
         return None
     peak = int(np.argmax(step.value))
-    return BandwidthQuantity(float(step.value[peak]), float(step.std[peak]))
+    return UncertainValue(float(step.value[peak]), float(step.std[peak]))
 
 
 def _standard_deviations(
     function: FittedResponse, value: Callable[[Mapping[str, float]], np.ndarray]
 ) -> np.ndarray:
-    """Return the standard deviations ``(N,)`` of the quantities ``value`` of a fitted function."""
+    """Return the standard deviations ``(N,)``, by linearisation, of the quantities that ``value``
+    computes from the parameters of a fitted function.
+    """
     p, slopes = dict(function.values), []
     for name in function.std:
         step = 1e-5 * max(abs(p[name]), 1e-3)

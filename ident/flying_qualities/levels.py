@@ -1,4 +1,4 @@
-"""Levels of flying qualities, with their probabilities. The limits are in
+"""Levels of flying qualities and their probabilities. The limits of the levels are in
 ``handling_qualities.toml``.
 
 Short period. With the derivatives of the low-order equivalent system (docs/nomenclature.md),
@@ -10,19 +10,16 @@ steady state at a constant stick and speed gives
 which is -(V/g) L_alpha for L_delta = 0 and L_q = 1. The control anticipation parameter is CAP =
 w^2 / (n/alpha) (Bihrle, AFFDL-TR-65-198, 1966).
 
-Modes of a model. Each random sample of the characteristics of the modes, from their Gaussian
-distribution, is converted to damping ratios, frequencies and times, and compared with all limits of
-a mode together. The probability of a level is the share of the samples that reach it.
-
-Low-order forms fitted to frequency responses: the short period, the roll mode and the Dutch roll.
-For the form ``pitch`` at constant speed, n/alpha = V / (g T_theta2) (MIL-STD-1797A, 4.2.1.2).
+Modes of a model. Random samples of the characteristics of the modes are drawn from their Gaussian
+distribution and converted to damping ratios, frequencies and times. The level of a mode in a sample
+is the worst one of its quantities. The probability of a level is the share of samples with it.
 """
 
 from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -33,11 +30,9 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Estimate
-from ident.flying_qualities.attitude_criteria import propagated
 from ident.flying_qualities.modes import Characteristics
-from ident.frequency_response.transfer_function import DELAY, FittedResponse
 from sim.errors import DeclarationError, ModelError
-from sim.maths import COMPLEX_STEP, G0
+from sim.maths import COMPLEX_STEP
 
 # ---- Levels of the short period of an estimated low-order equivalent system
 
@@ -55,14 +50,24 @@ UNITS = {
 }
 CLASSES = ("I", "II-C", "II-L", "III", "IV")
 CATEGORIES = ("A", "B", "C")
-_NEEDED = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")
-INTERVAL_SIGMAS = 2.0
+_REQUIRED_PARAMETERS = (
+    "L_alpha",
+    "M_alpha",
+    "L_delta",
+    "M_delta",
+    "L_q",
+    "M_q",
+    "inv_tau",
+    "delay",
+)
+INTERVAL_SIGMAS = 2.0  # half width, in sigmas, of the interval for the best and the worst level
+WORST_LEVEL = 4  # number for "none of the three levels is met"
 
 
 @dataclass(frozen=True)
 class Quality:
-    """A flying-qualities parameter: its value and standard deviation, by linearisation, in
-    ``unit``.
+    """A flying-qualities parameter. ``value`` and its standard deviation ``std``, by linearisation,
+    are in ``unit``.
     """
 
     name: str
@@ -82,8 +87,9 @@ class LevelCriterion:
     levels : range ``(low, high)`` of levels 1, 2 and 3.
     source : paragraph of the specification.
     classes : classes of aircraft to which the criterion applies.
-    raised_by : for a Dutch roll, the increase of the lower end of each level for each (rad/s)^2 by
-        which its squared frequency times |phi/beta| exceeds 20; empty for others.
+    raised_by : for the damping rate of the Dutch roll, by how much the lower limit of each level
+        rises for each (rad/s)^2 of frequency^2 |phi/beta| above ``LARGEST_STEADY_COUPLING``; empty
+        for other parameters.
     """
 
     quantity: str
@@ -100,7 +106,7 @@ class QualityLevel:
 
     Attributes
     ----------
-    level : level of the value, 1 to 3, or 4 if it is outside all ranges.
+    level : level of the value, 1 to 3, or ``WORST_LEVEL`` if it is outside all ranges.
     best, worst : best and worst level within two standard deviations.
     """
 
@@ -139,18 +145,18 @@ def qualities(
     ModelError : if a parameter is neither estimated nor fixed.
     """
     values = {**(fixed or {}), **estimate.as_dict()}
-    for name in _NEEDED:
+    for name in _REQUIRED_PARAMETERS:
         if name not in values:
             raise ModelError(
                 "it is neither estimated nor given",
                 where=f"handling qualities, {name}",
                 remedy="give its value under fixed",
             )
-    centre = _evaluate(values, airspeed, gravity)
+    centre = _short_period_quantities(values, airspeed, gravity)
     gradients = {name: np.zeros(len(estimate.names)) for name in centre}
     for column, name in enumerate(estimate.names):
-        if name in _NEEDED:
-            stepped = _evaluate(
+        if name in _REQUIRED_PARAMETERS:
+            stepped = _short_period_quantities(
                 {**values, name: complex(values[name], COMPLEX_STEP)}, airspeed, gravity
             )
             for quantity in centre:
@@ -169,7 +175,7 @@ def criteria(aircraft_class: str = "IV") -> tuple[LevelCriterion, ...]:
     return tuple(criterion for criterion in _all_criteria() if aircraft_class in criterion.classes)
 
 
-def _criteria_of(aircraft_class: str, category: str) -> list[LevelCriterion]:
+def criteria_in_category(aircraft_class: str, category: str) -> list[LevelCriterion]:
     """Return the criteria for a class and a category, with those that hold for all categories."""
     return [each for each in criteria(aircraft_class) if each.category in (category, "all")]
 
@@ -182,39 +188,39 @@ def _all_criteria() -> tuple[LevelCriterion, ...]:
     )["criteria"]
     return tuple(
         LevelCriterion(
-            e["quantity"],
-            e["category"],
-            tuple((float(a), float(b)) for a, b in e["levels"]),
-            e["source"],
-            tuple(e.get("classes", CLASSES)),
-            tuple(map(float, e.get("raised_by", ()))),
+            entry["quantity"],
+            entry["category"],
+            tuple((float(a), float(b)) for a, b in entry["levels"]),
+            entry["source"],
+            tuple(entry.get("classes", CLASSES)),
+            tuple(map(float, entry.get("raised_by", ()))),
         )
-        for e in entries
+        for entry in entries
     )
 
 
 def levels(
-    quality_values: Sequence[Quality], against: Sequence[LevelCriterion] | None = None
+    quality_values: Sequence[Quality], level_criteria: Sequence[LevelCriterion] | None = None
 ) -> tuple[QualityLevel, ...]:
     """Return the level of each parameter in each of its criteria, in the order of the criteria.
 
-    ``against`` are the criteria; None takes those of class IV.
+    Without ``level_criteria``, those of class IV apply.
     """
     by_name = {quality.name: quality for quality in quality_values}
     out = []
-    for criterion in criteria() if against is None else against:
+    for criterion in criteria() if level_criteria is None else level_criteria:
         if criterion.quantity not in by_name:
             continue
         quality = by_name[criterion.quantity]
-        reach = INTERVAL_SIGMAS * quality.std
-        low, high = quality.value - reach, quality.value + reach
+        half_width = INTERVAL_SIGMAS * quality.std
+        low, high = quality.value - half_width, quality.value + half_width
         if quality.unit == "s":  # a delay or a time constant is not negative
             low = max(low, min(0.0, quality.value))
         edges = [edge for pair in criterion.levels for edge in pair if low < edge < high]
         ends = sorted([low, *edges, high])
         # Levels change at edges only: one point between successive edges, and both ends, suffice.
-        inside = [0.5 * (a + b) for a, b in pairwise(ends)]
-        reached = [level_of(value, criterion) for value in (low, *inside, high)]
+        midpoints = [0.5 * (a + b) for a, b in pairwise(ends)]
+        reached = [level_of(value, criterion) for value in (low, *midpoints, high)]
         out.append(
             QualityLevel(
                 criterion, quality, level_of(quality.value, criterion), min(reached), max(reached)
@@ -224,15 +230,19 @@ def levels(
 
 
 def level_of(value: float, criterion: LevelCriterion) -> int:
-    """Return the best level whose range contains the value; 4 if none does."""
+    """Return the best level whose range contains the value; ``WORST_LEVEL`` if none does."""
     for number, (low, high) in enumerate(criterion.levels, start=1):
         if low <= value <= high:
             return number
-    return 4
+    return WORST_LEVEL
 
 
-def _evaluate(p: Mapping[str, Any], airspeed: float, gravity: float) -> dict[str, Any]:
-    """Return quantity -> value for parameters ``p``, of which one may be complex."""
+def _short_period_quantities(
+    p: Mapping[str, Any], airspeed: float, gravity: float
+) -> dict[str, Any]:
+    """Return quantity -> value for parameters ``p`` of the low-order equivalent system, one of
+    which may have a complex step.
+    """
     stiffness = p["L_alpha"] * p["M_q"] - p["L_q"] * p["M_alpha"]
     ratio = p["L_delta"] / p["M_delta"] if p["M_delta"] else 0.0
     slope = (
@@ -257,12 +267,11 @@ def _evaluate(p: Mapping[str, Any], airspeed: float, gravity: float) -> dict[str
 # ---- Levels of the modes of a model
 
 STANDARD = "MIL-F-8785C"
-# smallest probability of a level that is reported without its neighbours (two sigmas)
+# a level with a smaller probability is reported together with other levels; 0.95 is two sigmas
 DETERMINED_PROBABILITY = 0.95
 LEVEL_DRAWS = 20000  # the standard error of a probability is then at most 0.35 %
-WORST_LEVEL = 4  # number for "none of the three levels is met"
-# (rad/s)^2: a Dutch roll with a larger frequency^2 |phi/beta| needs more damping
-STEADY_COUPLING = 20.0
+# (rad/s)^2: a Dutch roll whose frequency^2 |phi/beta| is larger needs more damping
+LARGEST_STEADY_COUPLING = 20.0
 # quantities that have limits, by mode
 MODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -291,8 +300,8 @@ class FlightPhase:
     aircraft_class : one of ``CLASSES``.
     category : one of ``CATEGORIES``.
     assumed : which of ``"class"`` and ``"category"`` are not declared but assumed.
-    uncrewed_mass : mass, kg, of an aircraft that has no declared class and is too light for a crew;
-        it has no levels. None for other aircraft.
+    uncrewed_mass : mass, kg, if the class is not declared and the aircraft is too light for a crew,
+        else None. The levels of the standard do not apply to such an aircraft.
     """
 
     aircraft_class: str = "II-L"
@@ -309,9 +318,8 @@ class ModeLevel:
     ----------
     mode : one of ``MODES``.
     level : most probable level, or ``WORST_LEVEL`` if that is none of the three.
-    probabilities : probabilities of levels 1, 2 and 3, and of none of them.
-    decided_by : name of the quantity that prevents the next better level at the estimate; empty at
-        level 1.
+    probabilities : probabilities of level 1, of 2, of 3, and of none of the three.
+    decided_by : name of the quantity whose estimate has the worst level; empty if all have level 1.
     value, limit : estimate of this quantity, and its limit for the next better level.
     sources : paragraphs of the standard.
     """
@@ -341,104 +349,129 @@ LIGHTEST_CREWED = 100.0  # kg: a lighter aircraft carries no pilot
 def flight_phase_of(
     aircraft_class: str | None, category: str | None, mass: float | None = None
 ) -> FlightPhase:
-    """Return the flight phase with a declared class and category; None assumes the default.
+    """Return the flight phase with a declared class and category. The defaults of `FlightPhase` are
+    assumed for None.
 
-    Class II means II-L, land-based. ``mass`` is in kg, None if it is not known: an aircraft without
-    a declared class that is too light for a crew has no levels. Raises DeclarationError for an
-    unknown class or category.
+    Class II means II-L, land-based. ``mass`` is in kg, or None if it is not known. It tells whether
+    an aircraft without a declared class is too light for a crew.
+
+    Raises
+    ------
+    DeclarationError : for an unknown class or category.
     """
     assumed = tuple(
         name for name, given in (("class", aircraft_class), ("category", category)) if given is None
     )
     default = FlightPhase()
-    chosen = default.aircraft_class if aircraft_class is None else aircraft_class.strip().upper()
-    chosen = "II-L" if chosen == "II" else chosen
-    phase = default.category if category is None else category.strip().upper()
-    if chosen not in CLASSES:
+    known_class = (
+        default.aircraft_class if aircraft_class is None else aircraft_class.strip().upper()
+    )
+    known_class = "II-L" if known_class == "II" else known_class
+    known_category = default.category if category is None else category.strip().upper()
+    if known_class not in CLASSES:
         raise DeclarationError(
             f"there is no class {aircraft_class!r}",
             where="--class",
-            remedy="use I, II, III or IV, or II-C from a carrier",
+            remedy="use I, II, III or IV, or II-C for class II on carriers",
         )
-    if phase not in CATEGORIES:
+    if known_category not in CATEGORIES:
         raise DeclarationError(
             f"there is no category {category!r}",
             where="--category",
-            remedy="use A rapid, B gradual or C terminal",
+            remedy="use A (rapid maneuvers), B (gradual maneuvers) or C (terminal phases)",
         )
-    light = aircraft_class is None and mass is not None and mass < LIGHTEST_CREWED
-    return FlightPhase(chosen, phase, assumed, mass if light else None)
+    uncrewed = aircraft_class is None and mass is not None and mass < LIGHTEST_CREWED
+    return FlightPhase(known_class, known_category, assumed, mass if uncrewed else None)
 
 
-def mode_levels(characteristics: Characteristics, flown: FlightPhase) -> tuple[ModeLevel, ...]:
+def mode_levels(characteristics: Characteristics, phase: FlightPhase) -> tuple[ModeLevel, ...]:
     """Return the level of each mode of a model, in the order of ``MODES``; empty for an uncrewed
     aircraft.
 
     The random samples of the characteristics are the same in every call.
     """
-    if flown.uncrewed_mass is not None:
+    if phase.uncrewed_mass is not None:
         return ()
-    rules = _criteria_of(flown.aircraft_class, flown.category)
-    centre = _quantities(characteristics.names, characteristics.values[:, None])
-    sampled = _quantities(characteristics.names, _draws(characteristics))
+    level_criteria = criteria_in_category(phase.aircraft_class, phase.category)
+    estimates = _mode_quantities(characteristics.names, characteristics.values[:, None])
+    sampled = _mode_quantities(characteristics.names, _random_samples(characteristics))
     out = []
     for mode, names in MODES.items():
-        mode_rules = [rule for rule in rules if rule.quantity in names and rule.quantity in sampled]
-        if mode_rules:
-            out.append(_level(mode, mode_rules, centre, sampled))
+        mode_criteria = [
+            criterion
+            for criterion in level_criteria
+            if criterion.quantity in names and criterion.quantity in sampled
+        ]
+        if mode_criteria:
+            out.append(_level(mode, mode_criteria, estimates, sampled))
     return tuple(out)
 
 
 def _level(
     mode: str,
-    rules: Sequence[LevelCriterion],
-    centre: Mapping[str, np.ndarray],
+    mode_criteria: Sequence[LevelCriterion],
+    estimates: Mapping[str, np.ndarray],
     sampled: Mapping[str, np.ndarray],
 ) -> ModeLevel:
-    """Return the level of a mode by its criteria, for the estimate ``centre`` and all samples."""
-    reached = np.max([_reached(rule, sampled) for rule in rules], axis=0)
-    shares = tuple(float(np.mean(reached == number)) for number in range(1, WORST_LEVEL + 1))
-    level = int(np.argmax(shares)) + 1
-    worst = max(rules, key=lambda rule: int(_reached(rule, centre)[0]))
-    decided, value, limit = "", 0.0, 0.0
-    at = int(_reached(worst, centre)[0])
-    if at > 1:
-        decided, value = worst.quantity, float(centre[worst.quantity][0])
-        low, high = (float(np.broadcast_to(edge, 1)[0]) for edge in _range(worst, at - 1, centre))
+    """Return the level of a mode by its criteria. ``estimates`` and ``sampled`` are quantity ->
+    values, ``(1,)`` at the estimate and ``(N,)`` of the random samples.
+    """
+    sampled_levels = np.max(
+        [_levels_reached(criterion, sampled) for criterion in mode_criteria], axis=0
+    )
+    probabilities = tuple(
+        float(np.mean(sampled_levels == number)) for number in range(1, WORST_LEVEL + 1)
+    )
+    level = int(np.argmax(probabilities)) + 1
+    limiting = max(
+        mode_criteria, key=lambda criterion: int(_levels_reached(criterion, estimates)[0])
+    )
+    decided_by, value, limit = "", 0.0, 0.0
+    estimated_level = int(_levels_reached(limiting, estimates)[0])
+    if estimated_level > 1:
+        decided_by, value = limiting.quantity, float(estimates[limiting.quantity][0])
+        low, high = (
+            float(np.broadcast_to(edge, 1)[0])
+            for edge in _level_range(limiting, estimated_level - 1, estimates)
+        )
         limit = low if value < low else high
     return ModeLevel(
         mode,
         level,
-        shares,
-        decided,
+        probabilities,
+        decided_by,
         value,
         limit,
-        tuple(dict.fromkeys(rule.source for rule in rules)),
+        tuple(dict.fromkeys(criterion.source for criterion in mode_criteria)),
     )
 
 
-def _reached(rule: LevelCriterion, quantities: Mapping[str, np.ndarray]) -> np.ndarray:
+def _levels_reached(criterion: LevelCriterion, quantities: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the best level ``(N,)`` that each random sample reaches in one criterion."""
-    value = quantities[rule.quantity]
+    value = quantities[criterion.quantity]
     reached = np.full(value.shape, WORST_LEVEL)
-    for number in range(len(rule.levels), 0, -1):
-        low, high = _range(rule, number, quantities)
+    for number in range(len(criterion.levels), 0, -1):
+        low, high = _level_range(criterion, number, quantities)
         reached[(value >= low) & (value <= high)] = number
     return reached
 
 
-def _range(
-    rule: LevelCriterion, number: int, quantities: Mapping[str, np.ndarray]
+def _level_range(
+    criterion: LevelCriterion, number: int, quantities: Mapping[str, np.ndarray]
 ) -> tuple[np.ndarray | float, float]:
-    """Return the range of a level, with the raised lower end of a Dutch roll ``(N,)``."""
-    low, high = rule.levels[number - 1]
-    if not rule.raised_by:
+    """Return the lower and the upper limit of a level. The lower limit of the damping rate of a
+    Dutch roll may be different in each of N samples: ``(N,)``.
+    """
+    low, high = criterion.levels[number - 1]
+    if not criterion.raised_by:
         return low, high
-    excess = quantities["dutch_roll_frequency"] ** 2 * quantities["bank_ratio"] - STEADY_COUPLING
-    return low + rule.raised_by[number - 1] * np.maximum(excess, 0.0), high
+    excess = (
+        quantities["dutch_roll_frequency"] ** 2 * quantities["bank_ratio"] - LARGEST_STEADY_COUPLING
+    )
+    return low + criterion.raised_by[number - 1] * np.maximum(excess, 0.0), high
 
 
-def _draws(characteristics: Characteristics) -> np.ndarray:
+def _random_samples(characteristics: Characteristics) -> np.ndarray:
     """Return antithetic Gaussian samples ``(k, LEVEL_DRAWS)``, the same in every call."""
     scale = np.sqrt(np.maximum(np.diag(characteristics.covariance), 0.0))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
@@ -448,7 +481,7 @@ def _draws(characteristics: Characteristics) -> np.ndarray:
     return characteristics.values[:, None] + np.concatenate([half, -half], axis=1)
 
 
-def _quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray]:
+def _mode_quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray]:
     """Return quantity -> ``(N,)`` from N samples ``draws (k, N)`` of characteristics ``names``."""
     values = dict(zip(names, draws, strict=True))
     out: dict[str, np.ndarray] = {}
@@ -461,7 +494,7 @@ def _quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray
         if f"{mode}_rate" in values:
             out |= {
                 f"{prefix}{name}": value
-                for name, value in _quantities_of_pair(
+                for name, value in _quantities_of_quadratic(
                     values[f"{mode}_rate"], values[f"{mode}_stiffness"]
                 ).items()
             }
@@ -479,97 +512,35 @@ def _quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray
         out["roll_time_constant"] = np.divide(
             -1.0, root, out=np.full_like(root, math.inf), where=root < 0
         )
-        out["spiral_time_to_double"] = _doubling(values["spiral_root"])
+        out["spiral_time_to_double"] = _times_to_double(values["spiral_root"])
     if "delay" in values:
         out["delay"] = np.maximum(values["delay"], 0.0)  # no delay is negative
     return out | {name: values[name] for name in ("bank_ratio",) if name in values}
 
 
-def _quantities_of_pair(rate: np.ndarray, stiffness: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the quantities of the roots of s^2 + rate s + stiffness. Real roots of opposite sign
-    have the frequency zero and negative damping.
+def _quantities_of_quadratic(rate: np.ndarray, stiffness: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the quantities of the two roots of s^2 + rate s + stiffness.
+
+    If the roots are real and of opposite sign, the frequency is zero and the damping ratio minus
+    infinity.
     """
     frequency = np.sqrt(np.maximum(stiffness, 0.0))
     damping = np.divide(
         0.5 * rate, frequency, out=np.full_like(rate, -math.inf), where=frequency > 0
     )
     growth = -0.5 * rate + np.sqrt(np.maximum(0.25 * rate**2 - stiffness, 0.0))
-    damped = np.where(stiffness > 0, 0.5 * rate, -growth)
+    damping_rate = np.where(stiffness > 0, 0.5 * rate, -growth)
     return {
-        "natural_frequency": frequency,  # names of the short period
+        # The short period uses the first two names, all other modes those below with a prefix.
+        "natural_frequency": frequency,
         "damping_ratio": damping,
         "frequency": frequency,
         "damping": damping,
-        "damping_rate": damped,
-        "time_to_double": _doubling(growth),
+        "damping_rate": damping_rate,
+        "time_to_double": _times_to_double(growth),
     }
 
 
-def _doubling(growth: np.ndarray) -> np.ndarray:
+def _times_to_double(growth: np.ndarray) -> np.ndarray:
     """Return the times to double, s, for growth rates, 1/s; infinite without growth."""
     return np.divide(math.log(2.0), growth, out=np.full_like(growth, math.inf), where=growth > 0)
-
-
-# ---- Levels of low-order forms fitted to frequency responses
-
-Values = Mapping[str, float]
-
-
-def form_qualities(
-    function: FittedResponse, airspeed: float | None = None, *, dutch_roll: bool = True
-) -> tuple[Quality, ...]:
-    """Return the flying-qualities parameters of a fitted low-order form, with standard deviations
-    by linearisation; none for a transfer function that is given by its orders.
-
-    Parameters
-    ----------
-    airspeed : m/s, for n/alpha and CAP of the form ``pitch``; None leaves them out.
-    dutch_roll : whether the form ``dutch-roll`` describes a Dutch roll, and not an angle of attack.
-    """
-    out = []
-    for name, value in _quantities_of_form(
-        function.form.name, airspeed, dutch_roll=dutch_roll
-    ).items():
-        result = propagated(function, value)
-        if result is not None:
-            out.append(Quality(name, *result, UNITS[name]))
-    return tuple(out)
-
-
-def form_levels(
-    quality_values: tuple[Quality, ...], aircraft_class: str, category: str
-) -> tuple[QualityLevel, ...]:
-    """Return the levels of parameters for an aircraft class and a flight-phase category."""
-    return levels(quality_values, _criteria_of(aircraft_class, category))
-
-
-def _quantities_of_form(
-    form: str, airspeed: float | None, *, dutch_roll: bool
-) -> dict[str, Callable[[Values], float]]:
-    """Return quantity -> function that returns it for the parameters of a form."""
-    delay: dict[str, Callable[[Values], float]] = {"total_delay": lambda p: p[DELAY]}
-    dutch: dict[str, Callable[[Values], float]] = {
-        "dutch_roll_frequency": lambda p: p["frequency"],
-        "dutch_roll_damping": lambda p: p["damping"],
-        "dutch_roll_damping_rate": lambda p: p["damping"] * p["frequency"],
-    }
-    roll: dict[str, Callable[[Values], float]] = {
-        "roll_time_constant": lambda p: 1.0 / p["inv_T_roll"]
-    }
-    if form == "pitch":
-        out: dict[str, Callable[[Values], float]] = {
-            "natural_frequency": lambda p: p["frequency"],
-            "damping_ratio": lambda p: p["damping"],
-        }
-        if airspeed is not None:
-            inverse_time = G0 / airspeed  # 1/s, g/V
-            out["load_factor_slope"] = lambda p: p["inv_T_theta2"] / inverse_time
-            out["control_anticipation"] = lambda p: (
-                p["frequency"] ** 2 * inverse_time / p["inv_T_theta2"]
-            )
-        return {**out, **delay}
-    if form == "roll":
-        return {**roll, **delay}
-    if form == "roll-and-dutch-roll":
-        return {**roll, **dutch, **delay}
-    return {**dutch, **delay} if form == "dutch-roll" and dutch_roll else {}

@@ -18,7 +18,7 @@ import numpy as np
 
 from ident.flying_qualities.attitude_criteria import (
     PARABOLA_HALF_WIDTH,
-    BandwidthQuantity,
+    UncertainValue,
     parabola_at,
     parabola_weights,
 )
@@ -50,8 +50,8 @@ class Margin:
     """
 
     kind: str
-    size: BandwidthQuantity
-    frequency: BandwidthQuantity
+    size: UncertainValue
+    frequency: UncertainValue
     low: float
     high: float
     open: bool = False
@@ -267,8 +267,8 @@ def _margin_at_crossing(curve: LoopCurve, kind: str, at: float, slope: float, st
             half = near.std * math.sqrt(spare)
             low, high = min(low, near.value - half), max(high, near.value + half)
             frequency *= math.exp(direction * step)
-    where = BandwidthQuantity(at, at * std / abs(slope))
-    return Margin(kind, BandwidthQuantity(middle.value, spread), where, low, high, open_)
+    where = UncertainValue(at, at * std / abs(slope))
+    return Margin(kind, UncertainValue(middle.value, spread), where, low, high, open_)
 
 
 @dataclass(frozen=True)
@@ -353,8 +353,8 @@ def _least_distance(target: ResponseTarget) -> Margin | None:
             half = math.sqrt(max(near.variance - shared * near.covariance, 0.0) * spare)
             low, high = min(low, centre - half), max(high, centre + half)
             frequency *= math.exp(direction)
-    size = BandwidthQuantity(middle.value, std)
-    where = BandwidthQuantity(at, at * min(spread, PARABOLA_HALF_WIDTH))
+    size = UncertainValue(middle.value, std)
+    where = UncertainValue(at, at * min(spread, PARABOLA_HALF_WIDTH))
     return Margin("distance", size, where, max(low, 0.0), high, open_)
 
 

@@ -26,7 +26,7 @@ from ident.whole_record.record_problem import (
     state_increments,
 )
 from sim.declaration.model import System
-from sim.declaration.user_equations import WatchedTime
+from sim.declaration.user_arguments import WatchedTime
 from sim.errors import ModelError
 from sim.maths import COMPLEX_STEP
 from sim.propagation import Drive, Grid, euler_step, rk4_step

@@ -214,7 +214,7 @@ class Record:
             raise RecordError(
                 f"there is no hold {hold!r}", where=self.name, remedy=f"use {' or '.join(kinds)}"
             )
-        sidecar = replace(self.file.sidecar, hold=Hold(hold), says_hold=True)
+        sidecar = replace(self.file.sidecar, hold=Hold(hold), states_hold=True)
         return replace(self, file=replace(self.file, sidecar=sidecar))
 
     def _filtered(self, rate: float | None = None, lowpass: float | None = None) -> Record:
@@ -255,7 +255,7 @@ class Record:
 
     @property
     def _attributes(self) -> dict[str, Any]:
-        stated_hold = {"hold": self.hold} if self.file.sidecar.says_hold else {}
+        stated_hold = {"hold": self.hold} if self.file.sidecar.states_hold else {}
         return {"name": self.name, **stated_hold, "inputs": list(self.input_names)}
 
     @staticmethod

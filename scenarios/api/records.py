@@ -27,8 +27,8 @@ from scenarios.files.measured.columns import (
     RecordFile,
     Sidecar,
     SourceColumn,
+    name_and_unit,
     read_record_file,
-    split_at,
     suffix_unit,
 )
 from scenarios.files.measured.grid import clock_place
@@ -88,7 +88,7 @@ def columns_of(file: RecordFile) -> dict[str, ChannelColumn]:
             continue
         if not _numeric(file, index):
             continue
-        name, header_unit = split_at(file.table.header, index)
+        name, header_unit = name_and_unit(file.table.header, index)
         sidecar_unit = file.sidecar.units.get(name) or file.sidecar.units.get(cell)
         unit = header_unit or units_row[index] or sidecar_unit or "1"
         column = ChannelColumn(unit, cell, partial(raw_column, file, index))
@@ -462,7 +462,9 @@ def opened_source(
         sidecar = replace(file.sidecar, units={**file.sidecar.units, **known})
         file = replace(
             file,
-            sidecar=sidecar if held is None else replace(sidecar, hold=Hold(held), says_hold=True),
+            sidecar=sidecar
+            if held is None
+            else replace(sidecar, hold=Hold(held), states_hold=True),
         )
     else:
         file = file_of_columns(

@@ -16,7 +16,7 @@ from scenarios.api.record import record_of
 from scenarios.api.records import ChannelMap, choices_of, opened_source
 from scenarios.api.vehicle import Vehicle, source_of
 from scenarios.files.declarations import named_after
-from scenarios.files.measured.columns import RecordFile, refuse_twice
+from scenarios.files.measured.columns import RecordFile, refuse_duplicates
 from scenarios.files.user_models import OwnModel, model_in_memory
 from scenarios.files.vehicles import MODELS
 from scenarios.preparation.plan import Plan, Request, plan_of
@@ -217,7 +217,7 @@ def request_of(
     if not fitted:
         raise RecordError("no record is given", where="records", remedy="give one at least")
     opened = [file_of(source) for source in (*fitted, *predicted)]
-    refuse_twice([file for file in opened if file.in_memory])
+    refuse_duplicates([file for file in opened if file.in_memory])
     files = numbered_apart(opened)
     declared = model_of(model)
     return Request(

@@ -373,7 +373,7 @@ def _watch_of(
     choices = read_channel_map(channels) if channels is not None else None
     sidecar = Sidecar() if record == PIPE else read_sidecar(Path(record))
     hold, hold_from = plan.hold, BY_HAND
-    if hold is None and sidecar.says_hold:
+    if hold is None and sidecar.states_hold:
         hold, hold_from = sidecar.hold, f"as {sidecar.file} says"
     return Watch(
         "standard input" if record == PIPE else record,

@@ -42,7 +42,7 @@ from scenarios.diagnosis.opening import (
     vehicle_path_of,
 )
 from scenarios.files.declarations import STICK
-from scenarios.files.measured.columns import all_simulated, refuse_twice
+from scenarios.files.measured.columns import all_simulated, refuse_duplicates
 from scenarios.files.sources import InputFile, Source
 from scenarios.files.user_models import (
     OwnModel,
@@ -400,7 +400,7 @@ def diagnose_files(
     """
     refuse_unknown_model(request.model, "--model")
     effort_settings = settings_of(request.effort)
-    refuse_twice(
+    refuse_duplicates(
         [*request.records, *request.validate],
         "name each record once, for the fit or for --validate",
     )

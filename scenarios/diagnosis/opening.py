@@ -461,7 +461,7 @@ class InputReading:
     def undeclared(self) -> bool:
         """Whether neither options nor files say how inputs move between samples."""
         files = (*self.opened.records, *self.opened.validation)
-        return self.plan.hold is None and not any(file.sidecar.says_hold for file in files)
+        return self.plan.hold is None and not any(file.sidecar.states_hold for file in files)
 
     def linear_input(self) -> LoopInput:
         """Return the input of the loop with linear inputs."""

@@ -20,9 +20,9 @@ from scenarios.files.measured.columns import (
     SourceColumn,
     column_place,
     find_column,
+    has_other_suffixes_only,
     map_command,
     missing_column,
-    named_otherwise,
     read_record_file,
     refuse_unknown_units,
 )
@@ -279,7 +279,7 @@ def _columns(
     header = file.table.header
     columns: dict[str, SourceColumn | None] = {}
     for name in names:
-        if name in optional and named_otherwise(name, header, channel_map):
+        if name in optional and has_other_suffixes_only(name, header, channel_map):
             columns[name] = None
             continue
         columns[name] = find_column(
@@ -306,15 +306,15 @@ def rows_between(time: np.ndarray, start: float | None, stop: float | None) -> s
     """
     low = -math.inf if start is None else start
     high = math.inf if stop is None else stop
-    inside = (time >= low) & (time <= high)
+    target_unit = (time >= low) & (time <= high)
     first, last = 0, time.size
     if start is not None:
-        first = _boundary(time < low, inside)
-        while first < last and not inside[first]:
+        first = _boundary(time < low, target_unit)
+        while first < last and not target_unit[first]:
             first += 1
     if stop is not None:
-        last = first + _boundary(inside[first:], time[first:] > high)
-        while last > first and not inside[last - 1]:
+        last = first + _boundary(target_unit[first:], time[first:] > high)
+        while last > first and not target_unit[last - 1]:
             last -= 1
     return slice(first, last)
 
@@ -517,12 +517,14 @@ def _channel_in_si(table: CellTable, column: SourceColumn, values: np.ndarray) -
     """Return a channel with values in its unit in the program, or in that of the file if it has
     none.
     """
-    if not column.inside:
+    if not column.target_unit:
         return Channel.of(column.channel, column.unit, values)
     return Channel.of(
         column.channel,
-        column.inside,
-        np.asarray(to_si(values, column.unit, column.inside, column_place(table.file, column))),
+        column.target_unit,
+        np.asarray(
+            to_si(values, column.unit, column.target_unit, column_place(table.file, column))
+        ),
     )
 
 
@@ -552,12 +554,12 @@ def _check_cells(table: CellTable, column: SourceColumn, content: Numbers, rows:
     """Raise RecordError for the first row with too few or too many cells, else for the first cell
     of the column that is a text or infinite.
     """
-    inside = range(rows.start, rows.stop)
-    for position in sorted(set(table.ragged) & set(inside))[:1]:
+    target_unit = range(rows.start, rows.stop)
+    for position in sorted(set(table.ragged) & set(target_unit))[:1]:
         what = f"{table.ragged[position]} cells under a header of {len(table.header)}"
         where = f"{table.file}, row {table.rows[position]}"
         raise RecordError(what, where=where, remedy=_row_remedy(table, position))
-    texts = [position for position in content.texts if position in inside]
+    texts = [position for position in content.texts if position in target_unit]
     infinite = [
         rows.start + int(position) for position in np.flatnonzero(np.isinf(content.values[rows]))
     ]

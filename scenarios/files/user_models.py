@@ -19,7 +19,7 @@ import numpy as np
 from scenarios.files.declarations import CHANNEL_UNITS, TIME, WANTED, closest, run_python, toml_of
 from scenarios.files.sources import InputFile, Source, read_source
 from sim.declaration.model import Model, Tie
-from sim.declaration.user_equations import OwnEquations, Starts, parameters_read
+from sim.declaration.user_equations import TrialPoint, UserEquations, parameters_read
 from sim.errors import DeclarationError, ModelError
 
 # ---- Constraints that a vehicle file puts on parameters
@@ -383,7 +383,7 @@ def is_model_file(name: str | OwnModel) -> bool:
 
 def is_own(model: Model) -> bool:
     """Return whether a model is a user model, whose file defines the meaning of its signals."""
-    return isinstance(model.equations, OwnEquations)
+    return isinstance(model.equations, UserEquations)
 
 
 def is_of_aircraft(model: Model) -> bool:
@@ -404,7 +404,7 @@ def is_of_aircraft(model: Model) -> bool:
 def inputs_at_rest(model: Model) -> list[float]:
     """Return the inputs of a model at rest, in its order: zero unless its file declares others."""
     equations = model.equations
-    declared = equations.resting_inputs if isinstance(equations, OwnEquations) else {}
+    declared = equations.inputs_at_rest if isinstance(equations, UserEquations) else {}
     return [declared.get(signal.name, 0.0) for signal in equations.inputs]
 
 
@@ -492,7 +492,7 @@ def checked_model(model: object, where: str, built_in: tuple[str, ...] = ()) -> 
     return model
 
 
-def _refuse_unused(model: Model, equations: OwnEquations, source: Source) -> None:
+def _refuse_unused(model: Model, equations: UserEquations, source: Source) -> None:
     """Raise DeclarationError for a parameter that no equation uses, with its line in the file.
 
     A parameter counts as used if the equations read it at the start of the model, or if the file
@@ -502,10 +502,10 @@ def _refuse_unused(model: Model, equations: OwnEquations, source: Source) -> Non
         TIME: 0.0,
         **{item.name: item.value for item in model.initial},
         **{signal.name: 0.0 for signal in (*equations.inputs, *equations.ports)},
-        **equations.resting_inputs,
+        **equations.inputs_at_rest,
     }
     read_at_start = parameters_read(
-        equations, Starts(signals, {item.name: item.value for item in model.parameters})
+        equations, TrialPoint(signals, {item.name: item.value for item in model.parameters})
     )
     nodes = [*ast.walk(ast.parse(source.content))]
     attributes = {node.attr for node in nodes if isinstance(node, ast.Attribute)}

@@ -15,7 +15,7 @@ from ident.statistics.profile_likelihood import ProfileInterval
 from ident.statistics.residuals import ResidualTest, tests_of_records
 from ident.whole_record.layout import FitSettings
 from scenarios.files.declarations import CHANNEL_UNITS, closest
-from scenarios.files.measured.columns import RecordFile, read_with_validation, refuse_twice
+from scenarios.files.measured.columns import RecordFile, read_with_validation, refuse_duplicates
 from scenarios.files.records import has_clock
 from scenarios.files.user_models import channel_units, constraint_sentences, moves_about_rest
 from scenarios.files.vehicles import (
@@ -404,7 +404,7 @@ def identify_files(request: Request, method: str, options: Options = DEFAULT_OPT
         raise DeclarationError(
             f"there is no method {method!r}", where="--method", remedy=closest(method, METHODS)
         )
-    refuse_twice(
+    refuse_duplicates(
         [*request.records, *request.validate],
         "name each record once, for the fit or for --validate",
     )
@@ -429,7 +429,7 @@ def identify_files(request: Request, method: str, options: Options = DEFAULT_OPT
         method not in FILTERS
         and found.record.inputs
         and request.plan.hold is None
-        and not any(file.sidecar.says_hold for file in files)
+        and not any(file.sidecar.states_hold for file in files)
     ):
         ready, found = _with_other_hold(
             ready,

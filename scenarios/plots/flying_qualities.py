@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from ident.flying_qualities.attitude_criteria import LEVELS as RESONANCES
 from ident.flying_qualities.attitude_criteria import PITCH_LEVELS, step_response
 from ident.flying_qualities.levels import criteria
+from ident.flying_qualities.pilot_in_loop import LARGEST_RESONANCES
 from ident.flying_qualities.stability_margins import (
     NORMAL_HALF_WIDTH,
     REQUIRED_GAIN,
@@ -439,7 +439,7 @@ def _draw_pilot(panel: Any, qualities: Any) -> None:
     result = qualities.pilot
     phase, resonance = result.compensation, result.resonance
     width = max(60.0, 1.3 * abs(phase.value))
-    for level, limit in enumerate(() if qualities.of_pitch is False else RESONANCES):
+    for level, limit in enumerate(() if qualities.of_pitch is False else LARGEST_RESONANCES):
         _draw_limit(panel, [-width, width], [limit, limit], level)
     panel.set_xlim(-width, width)
     panel.set_ylim(min(-2.0, resonance.value - 3.0), max(12.0, resonance.value + 3.0))

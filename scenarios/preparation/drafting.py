@@ -20,7 +20,7 @@ from ident.recording.missing_samples import fill_value
 from scenarios.files.declarations import CHANNEL_UNITS, TIME, ColumnChoice, is_clock, split_header
 from scenarios.files.formats.cells import Topic, numbers
 from scenarios.files.measured.clock import SECONDS, grid_of_coarse_stamps
-from scenarios.files.measured.columns import RecordFile, split_at
+from scenarios.files.measured.columns import RecordFile, name_and_unit
 from scenarios.files.measured.grid import clock_of, clock_place, holds_dates, measures, stated_unit
 from scenarios.files.records import read_record
 from sim.errors import RecordError
@@ -184,7 +184,7 @@ def _constant(channels: Collection[str], topics: Sequence[Topic]) -> dict[str, s
         known = {_letters_and_digits(name) for name in names}
         for topic in topics:
             for index, cell in enumerate(topic.table.header):
-                named = _letters_and_digits(split_at(topic.table.header, index)[0]) in known
+                named = _letters_and_digits(name_and_unit(topic.table.header, index)[0]) in known
                 if named and _numbers(topic, index).size and not _moves(topic, index):
                     columns.setdefault(channel, _path(topic, cell))
     return columns
@@ -283,7 +283,7 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
             named = [
                 n
                 for n in range(len(cells))
-                if _letters_and_digits(split_at(cells, n)[0]) in spellings
+                if _letters_and_digits(name_and_unit(cells, n)[0]) in spellings
             ]
             # Of two columns with one name, prefer the one with a known unit.
             for index in sorted(named, key=lambda n: not _states_unit(topic, n, channel)):

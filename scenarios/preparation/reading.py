@@ -509,7 +509,7 @@ def _read(
     )
     # Named by their files: a sidecar's name may be the same for all of them.
     record = replace(record, name=named(file.identity.name, segment, several=several))
-    return (record, file.sidecar.says_hold), notes
+    return (record, file.sidecar.states_hold), notes
 
 
 def _decisions(

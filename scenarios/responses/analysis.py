@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.flying_qualities.attitude_criteria import PilotDemand
+from ident.flying_qualities.pilot_in_loop import PilotDemand
 from ident.frequency_response import (
     LEAST_COHERENCE,
     FrequencyResponses,
@@ -27,7 +27,7 @@ from ident.frequency_response.estimate import (
     window_lengths,
 )
 from scenarios.files.declarations import CHANNEL_UNITS
-from scenarios.files.measured.columns import identities, read_record_files, refuse_twice
+from scenarios.files.measured.columns import identities, read_record_files, refuse_duplicates
 from scenarios.files.sources import InputFile
 from scenarios.preparation.plan import Request, column_choices
 from scenarios.responses.fitting import (
@@ -231,7 +231,7 @@ def responses_of(
     """
     refuse_kind(bandwidth)
     refuse_loop(margins, names)
-    refuse_twice(request.records)
+    refuse_duplicates(request.records)
     files = read_record_files(request.records)
     signal_names = (*names.inputs, *names.outputs, *names.references)
     # A channel map may define channels that flightid does not know.

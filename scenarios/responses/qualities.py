@@ -10,28 +10,29 @@ from types import MappingProxyType
 from typing import Any
 
 from ident.flying_qualities.attitude_criteria import (
-    LARGEST_DROOP,
-    PILOT_DELAY,
     PITCH_SOURCE,
     AttitudeCurve,
     Bandwidth,
-    BandwidthQuantity,
-    NealSmith,
-    PilotDemand,
+    UncertainValue,
     attitude_bandwidth,
     attitude_curve,
     dropback,
-    neal_smith,
     pitch_bandwidth_level,
     pitch_overshoot,
 )
+from ident.flying_qualities.fitted_forms import form_levels, form_qualities
 from ident.flying_qualities.levels import (
     CATEGORIES,
     CLASSES,
     Quality,
     QualityLevel,
-    form_levels,
-    form_qualities,
+)
+from ident.flying_qualities.pilot_in_loop import (
+    LARGEST_DROOP,
+    PILOT_DELAY,
+    NealSmith,
+    PilotDemand,
+    neal_smith,
 )
 from ident.flying_qualities.stability_margins import NORMAL_HALF_WIDTH
 from ident.frequency_response import FrequencyResponses
@@ -145,18 +146,18 @@ class Qualities:
     place: tuple[int, int]
     bandwidth: Bandwidth | None
     curve: AttitudeCurve | None
-    dropback: BandwidthQuantity | None
+    dropback: UncertainValue | None
     form: tuple[Quality, ...] = ()
     levels: tuple[QualityLevel, ...] = ()
-    overshoot: BandwidthQuantity | None = None
+    overshoot: UncertainValue | None = None
     pilot: NealSmith | str | None = None
     flown: tuple[str, str] | None = None
     of_pitch: bool | None = None
 
     @property
-    def numbers(self) -> Mapping[str, tuple[BandwidthQuantity, str]]:
+    def numbers(self) -> Mapping[str, tuple[UncertainValue, str]]:
         """The determined quantities with their units."""
-        result: dict[str, tuple[BandwidthQuantity | None, str]] = {}
+        result: dict[str, tuple[UncertainValue | None, str]] = {}
         if self.bandwidth is not None:
             result |= {
                 "bandwidth": (self.bandwidth.bandwidth, "rad/s"),
@@ -171,7 +172,7 @@ class Qualities:
             result["pilot_resonance"] = (self.pilot.resonance, "dB")
             result["pilot_compensation"] = (self.pilot.compensation, "deg")
         result |= {
-            quality.name: (BandwidthQuantity(quality.value, quality.std), quality.unit)
+            quality.name: (UncertainValue(quality.value, quality.std), quality.unit)
             for quality in self.form
         }
         return {

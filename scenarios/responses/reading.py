@@ -99,7 +99,7 @@ def read_signals(
     holds = set()
     for file in files:
         file = with_names(file, plan.columns)
-        sidecar_hold = file.sidecar.hold if file.sidecar.says_hold else None
+        sidecar_hold = file.sidecar.hold if file.sidecar.states_hold else None
         holds.add(plan.hold or sidecar_hold)
         for segment in plan.segments:
             record, sentences = _read(file, names, plan, channels, segment)

@@ -38,12 +38,14 @@ from sim.declaration.effect import (
     rates_read_by,
 )
 from sim.declaration.model import Model, Rows, System, Tie, with_tied_values
-from sim.declaration.user_equations import (
-    OwnEquations,
+from sim.declaration.user_arguments import (
     Signals,
-    is_sampled,
     lock_arrays,
+    locks_arrays,
     with_locked_arrays,
+)
+from sim.declaration.user_equations import (
+    UserEquations,
 )
 from sim.errors import ModelError
 
@@ -256,11 +258,11 @@ def signals_of(parts: EffectStages) -> Bus:
     # first evaluation of the flow.
     forms_ports = (
         bool(others)
-        and isinstance(equations, OwnEquations)
-        and equations.formed is not None
+        and isinstance(equations, UserEquations)
+        and equations.flow_function is not None
         and not equations.rate_ports
     )
-    users, calls = isinstance(equations, OwnEquations), count()
+    users, calls = isinstance(equations, UserEquations), count()
 
     def signals(t: Any, x: Rows, u: Rows, p: Rows) -> tuple[Signals, Any]:
         s = Signals(time=t, **zero_ports)
@@ -284,7 +286,7 @@ def signals_of(parts: EffectStages) -> Bus:
                     for name, value in changes(s, gather(p)).items()
                 }
             )
-        locks = users and is_sampled(next(calls))
+        locks = users and locks_arrays(next(calls))
         if locks:
             vehicle = with_locked_arrays(vehicle)
             lock_arrays(bus)

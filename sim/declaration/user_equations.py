@@ -1,6 +1,4 @@
-"""Equations of motion from the functions of a user, the arguments of these functions, and trial
-calls.
-"""
+"""Equations of motion that a user declares by functions, and trial calls of these functions."""
 
 from __future__ import annotations
 
@@ -10,15 +8,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from types import SimpleNamespace
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
-from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from sim.declaration.effect import Signal
+from sim.declaration.user_arguments import signals_from, with_locked_arrays
 from sim.errors import (
     NO_COMPLEX,
-    ChangedArgument,
     FlightidError,
     ModelError,
     fault,
@@ -26,129 +23,35 @@ from sim.errors import (
 )
 from sim.maths import COMPLEX_STEP, plus
 
-# ---- Arguments of users' functions
-
-
-class Signals(SimpleNamespace):
-    """Signals by name, as the attributes of the ``s`` of an equation.
-
-    Attributes cannot be set or deleted. The library itself adds signals through ``__dict__``.
-    """
-
-    def __setattr__(self, name: str, value: object) -> NoReturn:
-        raise ChangedArgument(name)
-
-    def __delattr__(self, name: str) -> NoReturn:
-        raise ChangedArgument(name)
-
-
-def is_sampled(call: int) -> bool:
-    """Return whether the arrays of this call (counted from 0) are locked: calls 0, 1, 2, 4, 8 and
-    so on.
-
-    Locking in every call would cost 12 to 32 % of the time of an evaluation. A function that
-    changes its arguments is found when the model is declared or, if this depends on values, in a
-    later call.
-    """
-    return not call & (call - 1)
-
-
-def lock_arrays(signals: dict[str, Any]) -> None:
-    """Replace each array of a mapping by a read-only view of it."""
-    for name, value in signals.items():
-        if type(value) is np.ndarray:
-            signals[name] = locked(value)
-
-
-def with_locked_arrays(parameters: Any) -> Any:
-    """Return the named tuple with read-only views of its arrays; the same object without arrays."""
-    for value in parameters:
-        if type(value) is np.ndarray:
-            return parameters._make(
-                [locked(each) if type(each) is np.ndarray else each for each in parameters]
-            )
-    return parameters
-
-
-def locked(array: np.ndarray) -> np.ndarray:
-    """Return a read-only view of an array."""
-    view = array.view()
-    view.setflags(write=False)
-    return view
-
-
-class WatchedTime(NDArrayOperatorsMixin):
-    """Time zero, as a number or an array without axes, that records in ``used`` whether a function
-    used it.
-
-    This also detects functions of time whose value changes at a single time only.
-    """
-
-    __array_priority__ = 1000.0
-
-    def __init__(self) -> None:
-        self.used = False
-
-    def _value(self) -> np.ndarray:
-        self.used = True
-        return np.zeros(())
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        return self._value().astype(dtype or float)
-
-    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
-        values = [each._value() if isinstance(each, WatchedTime) else each for each in inputs]
-        return getattr(ufunc, method)(*values, **options)
-
-    def __float__(self) -> float:
-        return float(self._value())
-
-    def __complex__(self) -> complex:
-        return complex(self._value())
-
-    def __bool__(self) -> bool:
-        return bool(self._value())
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        return getattr(self._value(), name)
-
-
-def signals_from(values: Mapping[str, Any]) -> Signals:
-    """Return signals with read-only views of arrays."""
-    result = Signals(**values)
-    lock_arrays(result.__dict__)
-    return result
-
-
 # ---- Equations of motion from functions of a user, which return mappings by name
 
 _NUMBERS = frozenset({float, np.float64, complex, np.complex128, int})
-Answer = Callable[[Any, Any], Mapping[str, Any]]
+AnswerFunction = Callable[[Any, Any], Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
-class OwnEquations:
+class UserEquations:
     """Equations of a user model, a form of ``sim.declaration.model.Equations``.
 
-    An overflow or a division by zero makes the answer NaN, and an estimator shortens its step.
-    Every other error in a function is a ModelError that names file and line.
+    After an overflow or a division by zero the answer is NaN, so that an estimator shortens its
+    step. Every other error in a function is a ModelError that names file and line.
 
     Attributes
     ----------
     rates, readings : functions of ``s`` and ``p`` that return mappings by name.
-    formed : function that returns further signals, ``formed_names``, by name; None without any.
-    rate_ports : the port that is added to the rate of each state; empty if the model declares
-        ports of its own, which its functions read as ``s.PORT``.
+    flow_function : function of ``s`` and ``p`` that returns the further signals ``flow_names`` by
+        name; None if the model has none.
+    rate_ports : for each state the port that is added to its rate; empty if the model declares its
+        ports itself. Its functions then read them as ``s.PORT``.
     biased_outputs : outputs whose sensors have a free constant bias.
-    resting : inputs at which the functions are tried, with their values.
-    explanation : text of the file on the equations.
-    multiplying : estimated parameters that multiply signals, with their units.
-    products : (port, signal, estimated parameter): the parameter multiplies the signal in a rate to
-        which the port adds.
-    terms : coefficient and text of each term, if the ports are coefficients that are sums of terms
-        (`sim.aerodynamics`).
+    rest_inputs : name and value of each input whose value at rest is declared. The functions are
+        tried at these values.
+    explanation : explanation of the equations in the file of the model.
+    multiplying_parameters : name and unit of each estimated parameter that multiplies a signal.
+    products : (port, signal, estimated parameter), for each parameter that multiplies a signal in
+        a rate to which the port is added.
+    terms : (coefficient, text) of each term of `sim.aerodynamics`, if the ports are coefficients;
+        else empty.
     """
 
     name: str
@@ -157,43 +60,43 @@ class OwnEquations:
     outputs: tuple[Signal, ...]
     ports: tuple[Signal, ...]
     parameter_names: tuple[str, ...]
-    rates: Answer
-    readings: Answer
-    formed: Answer | None = None
-    formed_names: tuple[str, ...] = ()
+    rates: AnswerFunction
+    readings: AnswerFunction
+    flow_function: AnswerFunction | None = None
+    flow_names: tuple[str, ...] = ()
     rate_ports: tuple[str, ...] = ()
     biased_outputs: tuple[str, ...] = ()
-    resting: tuple[tuple[str, float], ...] = ()
+    rest_inputs: tuple[tuple[str, float], ...] = ()
     explanation: str = ""
-    multiplying: tuple[tuple[str, str], ...] = ()
+    multiplying_parameters: tuple[tuple[str, str], ...] = ()
     products: tuple[tuple[str, str, str], ...] = ()
     terms: tuple[tuple[str, str], ...] = ()
 
     @property
     def factors(self) -> dict[str, str]:
         """Units of the estimated parameters that multiply signals, by name."""
-        return dict(self.multiplying)
+        return dict(self.multiplying_parameters)
 
     @property
-    def resting_inputs(self) -> dict[str, float]:
-        """Inputs at which the functions are tried, by name; zero where not declared."""
-        return dict(self.resting)
+    def inputs_at_rest(self) -> dict[str, float]:
+        """Declared values of inputs at rest, by name. All other inputs are zero at rest."""
+        return dict(self.rest_inputs)
 
     def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
-        if self.formed is None:
+        if self.flow_function is None:
             return {}
         try:
-            result = self.formed(s, p)
+            result = self.flow_function(s, p)
             answers = (
-                {name: result[name] for name in self.formed_names}
-                if self.formed_names
+                {name: result[name] for name in self.flow_names}
+                if self.flow_names
                 else dict(result)
             )
         except ArithmeticError:
-            return dict.fromkeys(self.formed_names, math.nan)
+            return dict.fromkeys(self.flow_names, math.nan)
         except BaseException as error:
-            raise fault(self.name, "flow", self.formed, error, s, p) from None
-        self._check_all("flow", self.formed, answers.items(), s, p)
+            raise fault(self.name, "flow", self.flow_function, error, s, p) from None
+        self._check_all("flow", self.flow_function, answers.items(), s, p)
         return answers
 
     def derivatives(self, s: Any, p: Any) -> Sequence[Any]:
@@ -208,7 +111,12 @@ class OwnEquations:
         return self._answer("readings", self.readings, self.outputs, s, p)
 
     def _answer(
-        self, what: str, function: Answer, signals: tuple[Signal, ...], s: Any, p: Any
+        self,
+        function_name: str,
+        function: AnswerFunction,
+        signals: tuple[Signal, ...],
+        s: Any,
+        p: Any,
     ) -> list[Any]:
         try:
             result = function(s, p)
@@ -216,36 +124,47 @@ class OwnEquations:
         except ArithmeticError:
             return [math.nan for _ in signals]
         except BaseException as error:
-            raise fault(self.name, what, function, error, s, p) from None
+            raise fault(self.name, function_name, function, error, s, p) from None
         self._check_all(
-            what, function, zip((each.name for each in signals), answers, strict=True), s, p
+            function_name,
+            function,
+            zip((each.name for each in signals), answers, strict=True),
+            s,
+            p,
         )
         return answers
 
     def _check_all(
-        self, what: str, function: Answer, answers: Iterable[tuple[str, Any]], s: Any, p: Any
+        self,
+        function_name: str,
+        function: AnswerFunction,
+        answers: Iterable[tuple[str, Any]],
+        s: Any,
+        p: Any,
     ) -> None:
-        """Check each answer.
+        """Raise ModelError for the first bad one of the (name, value) pairs ``answers``.
 
-        Numbers, and float arrays in the shape of the first state, are accepted at once.
+        To save time, `_check` is not called for numbers, and for float arrays in the shape of the
+        first state or in a shape that it has accepted.
         """
         shape = getattr(getattr(s, self.states[0].name), "shape", ())
-        known: set[tuple[int, ...]] = set()
+        accepted_shapes: set[tuple[int, ...]] = set()
         for name, value in answers:
             kind = type(value)
             if kind in _NUMBERS or (
                 kind is np.ndarray
-                and (value.shape == shape or value.shape in known)
+                and (value.shape == shape or value.shape in accepted_shapes)
                 and value.dtype.kind in "fc"
             ):
                 continue
-            self._check(what, function, name, value, s, p)
-            known.add(np.shape(value))
+            self._check(function_name, function, name, value, s, p)
+            accepted_shapes.add(np.shape(value))
 
-    def _check(self, what: str, function: Answer, name: str, value: Any, s: Any, p: Any) -> None:
-        """Raise ModelError for an answer that is no number, or has a shape that no signal has.
-
-        The shape may differ from that of the trial calls.
+    def _check(
+        self, function_name: str, function: AnswerFunction, name: str, value: Any, s: Any, p: Any
+    ) -> None:
+        """Raise ModelError for an answer that is no number, or whose shape is neither that of a
+        signal nor that of a parameter, nor the shape to which all of them broadcast.
         """
         shape, kind = np.shape(value), getattr(getattr(value, "dtype", None), "kind", None)
         numeric = (
@@ -265,60 +184,63 @@ class OwnEquations:
             ):
                 return
         problem = (
-            f"of shape {shape} where no signal has it"
+            f"of shape {shape}, which no signal has"
             if numeric
             else f"of type {type(value).__name__}"
         )
-        where = written_in(self.name, what, function)
+        where = written_in(self.name, function_name, function)
         raise ModelError(
             f"the answer for {name} is {problem}",
             where=where,
-            remedy="return numbers that go with the signals, in every call",
+            remedy="return in every call a number, or an array of the shape of the signals",
         )
 
 
 # ---- Trial of a user's functions at the starting values
 
-# Offset from the starts at which slopes are compared, relative to a value (of a zero, to one). Many
-# curves have a kink at zero.
+# Distance from the starting values at which slopes are compared, relative to the value, or absolute
+# for a zero. Slopes are not compared at the starts, since many curves have a kink at zero.
 TRIAL_OFFSET = 0.01
-DIFFERENCE_STEP_SHARE = 1e-6  # step of the differences, relative to a value or ``TRIAL_OFFSET``
-# Rounding error of a difference, relative to the terms, with a margin of three digits for
-# cancellation.
+# step of the central differences, relative to the value, or to ``TRIAL_OFFSET`` for a zero
+DIFFERENCE_STEP_SHARE = 1e-6
+# rounding error of a difference of two answers, relative to the largest term in an answer; it
+# includes three digits for cancellation
 TERM_ROUNDING = 1e-12
-# Largest relative deviation of a difference from the slope by a complex step.
+# largest relative deviation of the slope by differences from the slope by a complex step
 SLOPE_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
-class Starts:
-    """Point at which a model is tried: all signals except those of ``flow``, and all parameters."""
+class TrialPoint:
+    """Point at which a model is tried: values of all signals except those of ``flow``, and of all
+    parameters, by name.
+    """
 
     signals: Mapping[str, Any]
     parameters: Mapping[str, Any]
 
 
-def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
-    """Evaluate a model's functions at the starts, near them with complex steps, and with arrays;
-    return the names that ``flow`` forms.
+def try_model(equations: UserEquations, starts: TrialPoint) -> tuple[str, ...]:
+    """Try a model's functions, and return the names of the signals of ``flow``.
+
+    The functions are evaluated at the starting values, near them with complex steps, and with
+    arrays.
 
     Raises
     ------
-    ModelError : an answer that is no mapping, lacks a name or has one too many, or is no finite
-        number at the starts; a function that loses a complex step (``math``, ``abs`` or ``if`` of a
-        signal) or does not take arrays.
+    ModelError : if an answer is no mapping, lacks a name, has a name too many or is no finite
+        number at the starts; or if a function does not take arrays, or loses the imaginary part of
+        a complex step (by ``math``, ``abs`` or ``if`` of a signal).
     """
     values = evaluated(equations, starts)
-    for (what, name), value in values.items():
-        where = written_in(equations.name, what, _function(equations, what))
+    for (function_name, name), value in values.items():
+        where = written_in(equations.name, function_name, _user_function(equations, function_name))
         if np.shape(value) != ():
-            problem = (
-                f"{_answer_label(what, name)} of shape {np.shape(value)} where all signals are "
-                "single numbers"
-            )
+            label, shape = _answer_label(function_name, name), np.shape(value)
+            problem = f"{label} of shape {shape} where all signals are single numbers"
             raise ModelError(problem, where=where, remedy="return one number for each name")
         if not np.isfinite(value):
-            problem = f"{_answer_label(what, name)} is {value:g} at the starts"
+            problem = f"{_answer_label(function_name, name)} is {value:g} at the starts"
             raise ModelError(
                 problem,
                 where=where,
@@ -326,60 +248,70 @@ def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
             )
     for side in (1.0, -1.0):
         _compare_slopes(equations, neighbouring_point(starts, side))
-    arrays = Starts(
+    arrays = TrialPoint(
         *(
-            {name: np.array([value, value]) for name, value in some.items()}
-            for some in (starts.signals, starts.parameters)
+            {name: np.array([value, value]) for name, value in values_by_name.items()}
+            for values_by_name in (starts.signals, starts.parameters)
         )
     )
-    first, again = evaluated(equations, arrays), evaluated(equations, arrays)
-    for (what, name), value in first.items():
-        _refuse_reused(equations, what, name, value, again[what, name], arrays)
+    first, second = evaluated(equations, arrays), evaluated(equations, arrays)
+    for (function_name, name), value in first.items():
+        _refuse_reused_array(
+            equations, function_name, name, value, second[function_name, name], arrays
+        )
         if np.shape(value) not in ((), (2,)):
-            shape = np.shape(value)
-            problem = f"{_answer_label(what, name)} of shape {shape} where signals have shape (2,)"
-            where = written_in(equations.name, what, _function(equations, what))
+            label, shape = _answer_label(function_name, name), np.shape(value)
+            problem = f"{label} of shape {shape} where signals have shape (2,)"
+            where = written_in(
+                equations.name, function_name, _user_function(equations, function_name)
+            )
             raise ModelError(
                 problem, where=where, remedy="write it so that it broadcasts over arrays"
             )
-    if equations.formed is None:
+    if equations.flow_function is None:
         return ()
     return tuple(
         _checked_answer(
             equations,
             "flow",
-            equations.formed,
+            equations.flow_function,
             signals_from(starts.signals),
             signals_from(starts.parameters),
         )
     )
 
 
-def _refuse_reused(
-    equations: OwnEquations, what: str, name: str, value: Any, again: Any, given: Starts
+def _refuse_reused_array(
+    equations: UserEquations,
+    function_name: str,
+    name: str,
+    value: Any,
+    second: Any,
+    given: TrialPoint,
 ) -> None:
-    """Raise ModelError for an array that a function overwrites at each call.
+    """Raise ModelError if the answers ``value`` and ``second`` of two calls are the same array.
 
-    Earlier answers would change, too.
+    A function that writes into one array at each call would change its earlier answers. Arrays of
+    the arguments ``given`` may be returned.
     """
     arguments = [*given.signals.values(), *given.parameters.values()]
     if not isinstance(value, np.ndarray) or any(
         np.shares_memory(value, each) for each in arguments
     ):
         return
-    if value.flags.writeable and isinstance(again, np.ndarray) and np.shares_memory(value, again):
-        where = written_in(equations.name, what, _function(equations, what))
+    if value.flags.writeable and isinstance(second, np.ndarray) and np.shares_memory(value, second):
+        where = written_in(equations.name, function_name, _user_function(equations, function_name))
         raise ModelError(
-            f"{_answer_label(what, name)} is the same array at every call",
+            f"{_answer_label(function_name, name)} is the same array at every call",
             where=where,
             remedy="return a new array at each call",
         )
 
 
-def _function(equations: OwnEquations, what: str) -> Answer:
-    """Return the user's function of that name."""
+def _user_function(equations: UserEquations, function_name: str) -> AnswerFunction:
+    """Return the user's function ``rates``, ``readings`` or ``flow``."""
     functions = {"rates": equations.rates, "readings": equations.readings}
-    result = functions.get(what, equations.formed)
+    result = functions.get(function_name, equations.flow_function)
     assert result is not None
     return result
 
@@ -393,11 +325,11 @@ class _ReadRecorder(SimpleNamespace):
         return object.__getattribute__(self, name)
 
 
-def parameters_read(equations: OwnEquations, starts: Starts) -> frozenset[str]:
+def parameters_read(equations: UserEquations, starts: TrialPoint) -> frozenset[str]:
     """Return the names of the parameters that the functions read at the starting values."""
     s, p = signals_from(starts.signals), _ReadRecorder(**starts.parameters, _names_read=set())
-    if equations.formed is not None:
-        s.__dict__.update(_checked_answer(equations, "flow", equations.formed, s, p))
+    if equations.flow_function is not None:
+        s.__dict__.update(_checked_answer(equations, "flow", equations.flow_function, s, p))
     _checked_answer(equations, "rates", equations.rates, s, p)
     _checked_answer(equations, "readings", equations.readings, s, p)
     return frozenset(object.__getattribute__(p, "__dict__")["_names_read"])
@@ -405,34 +337,36 @@ def parameters_read(equations: OwnEquations, starts: Starts) -> frozenset[str]:
 
 @cache
 def _parameter_class(names: tuple[str, ...]) -> Any:
-    """Return the class of a named tuple of parameters; creating it takes longer than its use."""
+    """Return the class of a named tuple of parameters. It is cached, since creating a class is
+    slow.
+    """
     return namedtuple("Parameters", names)
 
 
-def evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str], Any]:
-    """Return all answers at a point by function and name, checked for names and types.
+def evaluated(equations: UserEquations, starts: TrialPoint) -> dict[tuple[str, str], Any]:
+    """Return (function, name) -> answer of all functions at a point, checked for names and types.
 
     Raises
     ------
-    ModelError : an answer that is no mapping, lacks a name or has one too many, or is no number.
+    ModelError : if an answer is no mapping, lacks a name, has a name too many or is no number.
     """
     s = signals_from(starts.signals)
     p = with_locked_arrays(_parameter_class(tuple(starts.parameters))(**starts.parameters))
-    if equations.formed is not None:
-        result = _checked_answer(equations, "flow", equations.formed, s, p)
+    if equations.flow_function is not None:
+        result = _checked_answer(equations, "flow", equations.flow_function, s, p)
         for name, value in result.items():
             _refuse_name(equations, name, starts)
-            _number(equations, "flow", str(name), value)
+            _checked_number(equations, "flow", str(name), value)
         s = signals_from({**starts.signals, **result})
     out: dict[tuple[str, str], Any] = {}
-    for what, function, signals in (
+    for function_name, function, signals in (
         ("rates", equations.rates, equations.states),
         ("readings", equations.readings, equations.outputs),
     ):
-        result = _checked_answer(equations, what, function, s, p)
+        result = _checked_answer(equations, function_name, function, s, p)
         names = [signal.name for signal in signals]
-        where = written_in(equations.name, what, function)
-        kind = "state" if what == "rates" else "output"
+        where = written_in(equations.name, function_name, function)
+        kind = "state" if function_name == "rates" else "output"
         for name in result:
             if name not in names:
                 raise ModelError(
@@ -447,32 +381,39 @@ def evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str], 
                 where=where,
                 remedy=f"return one value for each {kind}",
             )
-        out |= {(what, name): _number(equations, what, name, result[name]) for name in names}
+        out |= {
+            (function_name, name): _checked_number(equations, function_name, name, result[name])
+            for name in names
+        }
     return out
 
 
 def _checked_answer(
-    equations: OwnEquations, what: str, function: Answer, s: Any, p: Any
+    equations: UserEquations, function_name: str, function: AnswerFunction, s: Any, p: Any
 ) -> Mapping[str, Any]:
+    """Return the answer of a user's function; raise ModelError if it fails or is no mapping."""
     try:
         result: object = function(s, p)
     except BaseException as error:
-        raise fault(equations.name, what, function, error, s, p) from error
+        raise fault(equations.name, function_name, function, error, s, p) from error
     if not isinstance(result, Mapping):
-        shown = f"it returns a {type(result).__name__}, not a mapping by name"
+        problem = f"it returns a {type(result).__name__}, not a mapping by name"
         raise ModelError(
-            shown,
-            where=written_in(equations.name, what, function),
+            problem,
+            where=written_in(equations.name, function_name, function),
             remedy='return {"NAME": value, ...}',
         )
     return result
 
 
-def _refuse_name(equations: OwnEquations, name: object, starts: Starts) -> None:
-    where = written_in(equations.name, "flow", _function(equations, "flow"))
+def _refuse_name(equations: UserEquations, name: object, starts: TrialPoint) -> None:
+    """Raise ModelError for a signal of ``flow`` whose name is no identifier or is taken."""
+    where = written_in(equations.name, "flow", _user_function(equations, "flow"))
     if not isinstance(name, str) or not name.isidentifier():
         raise ModelError(
-            f"{name!r} is no name", where=where, remedy="use letters, digits and underscores"
+            f"{name!r} is no name",
+            where=where,
+            remedy="use letters, digits and underscores",
         )
     if name in starts.signals or name in starts.parameters:
         raise ModelError(
@@ -482,100 +423,110 @@ def _refuse_name(equations: OwnEquations, name: object, starts: Starts) -> None:
         )
 
 
-def _number(equations: OwnEquations, what: str, name: str, value: Any) -> Any:
+def _checked_number(equations: UserEquations, function_name: str, name: str, value: Any) -> Any:
+    """Return the answer ``value``; raise ModelError if it is no number or array of numbers."""
     plain = isinstance(value, int | float | complex | np.number | np.ndarray) and not isinstance(
         value, bool
     )
     if not plain or np.asarray(value).dtype.kind not in "fciu":
-        problem = f"{_answer_label(what, name)} is of type {type(value).__name__}"
+        problem = f"{_answer_label(function_name, name)} is of type {type(value).__name__}"
         raise ModelError(
             problem,
-            where=written_in(equations.name, what, _function(equations, what)),
+            where=written_in(
+                equations.name, function_name, _user_function(equations, function_name)
+            ),
             remedy="give a number or an array of numbers",
         )
     return value
 
 
-def _answer_label(what: str, name: str) -> str:
+def _answer_label(function_name: str, name: str) -> str:
+    """Return the words for an answer in messages, such as ``the rate of q``."""
     kinds = {"rates": "the rate of", "readings": "the reading of"}
-    return f"{kinds.get(what, 'the signal')} {name}"
+    return f"{kinds.get(function_name, 'the signal')} {name}"
 
 
-def neighbouring_point(starts: Starts, side: float) -> Starts:
-    """Return a point near the starts, each value moved by a different amount."""
+def neighbouring_point(starts: TrialPoint, side: float) -> TrialPoint:
+    """Return a point near the starts. Each value is moved by an amount of its own, up for the
+    ``side`` 1 and down for -1.
+    """
 
-    def moved(some: Mapping[str, Any], first: int) -> dict[str, Any]:
-        amounts = (1.0 + 0.1 * math.sin(first + i) for i in range(len(some)))
+    def moved(values: Mapping[str, Any], phase: int) -> dict[str, Any]:
+        amounts = (1.0 + 0.1 * math.sin(phase + i) for i in range(len(values)))
         return {
             name: value + side * TRIAL_OFFSET * amount * (abs(value) or 1.0)
-            for (name, value), amount in zip(some.items(), amounts, strict=True)
+            for (name, value), amount in zip(values.items(), amounts, strict=True)
         }
 
-    return Starts(moved(starts.signals, 1), moved(starts.parameters, 2))
+    return TrialPoint(moved(starts.signals, 1), moved(starts.parameters, 2))
 
 
-def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
-    """Raise ModelError if the slopes by complex steps and by differences disagree for a signal or
-    parameter.
+def _compare_slopes(equations: UserEquations, at: TrialPoint) -> None:
+    """Raise ModelError if the slopes of the answers by a complex step of a signal or parameter
+    differ from those by central differences.
 
-    Points at which the functions are not finite are skipped.
+    Nothing is compared where the functions are not finite at the point or beside it.
     """
     names = [(True, name) for name in at.signals if name != "time"]
     names += [(False, name) for name in at.parameters]
-    base = _finite(equations, at)
+    base = _finite_answers(equations, at)
     if base is None:
         return
-    exact, result, steps = [], [], []
-    for of_signal, name in names:
-        value = (at.signals if of_signal else at.parameters)[name]
+    step_slopes, differences, steps = [], [], []
+    for is_signal, name in names:
+        value = (at.signals if is_signal else at.parameters)[name]
         step = DIFFERENCE_STEP_SHARE * (abs(value) or TRIAL_OFFSET)
-        stepped = evaluated(equations, changed(at, of_signal, name, complex(value, COMPLEX_STEP)))
-        exact.append([np.imag(each) / COMPLEX_STEP for each in stepped.values()])
+        stepped = evaluated(equations, changed(at, is_signal, name, complex(value, COMPLEX_STEP)))
+        step_slopes.append([np.imag(each) / COMPLEX_STEP for each in stepped.values()])
         sides = [
-            _finite(equations, changed(at, of_signal, name, value + sign * step))
+            _finite_answers(equations, changed(at, is_signal, name, value + sign * step))
             for sign in (1.0, -1.0)
         ]
-        result.append(
+        differences.append(
             None if sides[0] is None or sides[1] is None else (sides[0] - sides[1]) / (2.0 * step)
         )
         steps.append(step)
-    slopes = np.array(exact)
-    terms = np.max(
+    slopes = np.array(step_slopes)
+    term_sizes = np.max(
         np.abs(slopes) * np.array(steps)[:, None] / DIFFERENCE_STEP_SHARE, axis=0
     ) + np.abs(base)
     for k, (_, name) in enumerate(names):
-        difference = result[k]
+        difference = differences[k]
         if difference is None:
             continue
         differs = (
             np.abs(slopes[k] - difference)
             > SLOPE_TOLERANCE * np.maximum(np.abs(slopes[k]), np.abs(difference))
-            + TERM_ROUNDING * terms / steps[k]
+            + TERM_ROUNDING * term_sizes / steps[k]
         )
         if np.any(differs):
-            what, answer = list(evaluated(equations, at))[int(np.argmax(differs))]
+            function_name, answer = list(evaluated(equations, at))[int(np.argmax(differs))]
             text = (
-                f"{_answer_label(what, answer)} loses a complex step of {name}: the slope is "
-                f"{difference[differs][0]:.4g}, not {slopes[k][differs][0]:.4g}"
+                f"{_answer_label(function_name, answer)} loses a complex step of {name}: "
+                f"the slope is {difference[differs][0]:.4g}, not {slopes[k][differs][0]:.4g}"
             )
             raise ModelError(
                 text,
-                where=written_in(equations.name, what, _function(equations, what)),
+                where=written_in(
+                    equations.name, function_name, _user_function(equations, function_name)
+                ),
                 remedy=NO_COMPLEX,
             )
 
 
-def changed(at: Starts, of_signal: bool, name: str, value: Any) -> Starts:
-    """Return the point with another value of one signal or parameter."""
+def changed(at: TrialPoint, is_signal: bool, name: str, value: Any) -> TrialPoint:
+    """Return the point with another value of one signal, or of a parameter if not ``is_signal``."""
     return (
-        Starts({**at.signals, name: value}, at.parameters)
-        if of_signal
-        else Starts(at.signals, {**at.parameters, name: value})
+        TrialPoint({**at.signals, name: value}, at.parameters)
+        if is_signal
+        else TrialPoint(at.signals, {**at.parameters, name: value})
     )
 
 
-def _finite(equations: OwnEquations, at: Starts) -> np.ndarray | None:
-    """Return all answers at a point near the starts, None if one is not finite or fails."""
+def _finite_answers(equations: UserEquations, at: TrialPoint) -> np.ndarray | None:
+    """Return all answers at a point near the starts; None if a function fails or an answer is not
+    finite.
+    """
     try:
         values: Sequence[Any] = list(evaluated(equations, at).values())
     except FlightidError as error:

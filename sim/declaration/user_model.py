@@ -17,12 +17,12 @@ import numpy as np
 
 from sim.declaration.effect import Parameter, ParameterSet, Signal
 from sim.declaration.model import Model
+from sim.declaration.user_arguments import Signals
 from sim.declaration.user_equations import (
     TRIAL_OFFSET,
-    Answer,
-    OwnEquations,
-    Signals,
-    Starts,
+    AnswerFunction,
+    TrialPoint,
+    UserEquations,
     changed,
     evaluated,
     neighbouring_point,
@@ -37,14 +37,16 @@ TrialAnswer = tuple[str, str]  # "rates" or "readings", and the name of the stat
 SLOPE_TOLERANCE = 1e-9  # difference of slopes due to rounding, relative to the largest slope
 
 
-def multiplying(equations: OwnEquations, starts: Starts, names: Sequence[str]) -> tuple[str, ...]:
+def multiplying(
+    equations: UserEquations, starts: TrialPoint, names: Sequence[str]
+) -> tuple[str, ...]:
     """Return the parameters of ``names`` that multiply signals.
 
     The slope of the rates and readings by such a parameter depends on the signals. A parameter that
     is only added, such as a constant load, has the same slope everywhere.
     """
     places = [
-        Starts(neighbouring_point(starts, side).signals, starts.parameters)
+        TrialPoint(neighbouring_point(starts, side).signals, starts.parameters)
         for side in (0.0, 1.0, -0.6)
     ]
     result = []
@@ -56,7 +58,7 @@ def multiplying(equations: OwnEquations, starts: Starts, names: Sequence[str]) -
 
 
 def products(
-    equations: OwnEquations, starts: Starts, names: Sequence[str]
+    equations: UserEquations, starts: TrialPoint, names: Sequence[str]
 ) -> tuple[tuple[str, str, str], ...]:
     """Return (port, signal, parameter) for each parameter of ``names`` that multiplies a signal in
     a rate to which the port adds.
@@ -84,7 +86,7 @@ def products(
     return tuple(result)
 
 
-def _rates_fed(equations: OwnEquations, at: Starts) -> dict[str, set[TrialAnswer]]:
+def _rates_fed(equations: UserEquations, at: TrialPoint) -> dict[str, set[TrialAnswer]]:
     """Return the rates that each port adds to."""
     if equations.rate_ports:
         return {
@@ -99,14 +101,14 @@ def _rates_fed(equations: OwnEquations, at: Starts) -> dict[str, set[TrialAnswer
 
 
 def _slopes(
-    equations: OwnEquations, at: Starts, of_signal: bool, name: str
+    equations: UserEquations, at: TrialPoint, is_signal: bool, name: str
 ) -> dict[TrialAnswer, float]:
     """Return the slopes of all rates and readings by one signal or parameter; empty if the
     functions fail.
     """
-    value = (at.signals if of_signal else at.parameters)[name]
+    value = (at.signals if is_signal else at.parameters)[name]
     try:
-        result = evaluated(equations, changed(at, of_signal, name, complex(value, COMPLEX_STEP)))
+        result = evaluated(equations, changed(at, is_signal, name, complex(value, COMPLEX_STEP)))
     except FlightidError:
         return {}
     return {answer: float(np.imag(each)) / COMPLEX_STEP for answer, each in result.items()}
@@ -123,7 +125,7 @@ LARGEST_SCALE_FACTOR = 2.0  # largest scale factor of a sensor that reads a stat
 UNOBSERVABLE_SHARE = 1e-9
 
 
-def observable_biases(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
+def observable_biases(equations: UserEquations, starts: TrialPoint) -> tuple[str, ...]:
     """Return the outputs whose bias is observable together with free initial states, in order.
 
     With A and C the slopes of rates and readings by the states, a bias is unobservable if C x0
@@ -142,7 +144,7 @@ def observable_biases(equations: OwnEquations, starts: Starts) -> tuple[str, ...
     )
 
 
-def refuse_misnamed(equations: OwnEquations, starts: Starts) -> None:
+def refuse_misnamed(equations: UserEquations, starts: TrialPoint) -> None:
     """Raise ModelError for an output that has the name of a state but does not read it."""
     states = [signal.name for signal in equations.states]
     both = [
@@ -150,11 +152,8 @@ def refuse_misnamed(equations: OwnEquations, starts: Starts) -> None:
         for i, signal in enumerate(equations.outputs)
         if signal.name in states
     ]
-    slopes = (
-        [_state_slopes(equations, neighbouring_point(starts, side))[1] for side in (1.0, -1.0)]
-        if both
-        else []
-    )
+    points = [neighbouring_point(starts, side) for side in (1.0, -1.0)] if both else []
+    slopes = [_state_slopes(equations, point)[1] for point in points]
     for i, j in both:
         output, state = equations.outputs[i], equations.states[j]
         where = f"model {equations.name}, outputs, {output.name}"
@@ -169,16 +168,15 @@ def refuse_misnamed(equations: OwnEquations, starts: Starts) -> None:
             1.0 / LARGEST_SCALE_FACTOR < C[i, j] < LARGEST_SCALE_FACTOR or not np.isfinite(C[i, j])
             for C in slopes
         ):
-            problem = (
-                "it has the name of a state and reads something else (it moves "
-                f"{slopes[0][i, j]:.3g} times as far)"
-            )
             raise ModelError(
-                problem, where=where, remedy="give it another name, or read the state as it is"
+                "it has the name of a state and reads something else (it moves "
+                f"{slopes[0][i, j]:.3g} times as far)",
+                where=where,
+                remedy="give it another name, or read the state as it is",
             )
 
 
-def _state_slopes(equations: OwnEquations, at: Starts) -> tuple[np.ndarray, np.ndarray]:
+def _state_slopes(equations: UserEquations, at: TrialPoint) -> tuple[np.ndarray, np.ndarray]:
     """Return slopes by the states at a point: A ``(n, n)`` of rates, C ``(m, n)`` of readings."""
     names, p = [signal.name for signal in equations.states], Signals(**at.parameters)
 
@@ -235,11 +233,11 @@ def own_model(
     inputs: Units,
     outputs: Units,
     parameters: Numbers,
-    rates: Answer,
-    readings: Answer,
+    rates: AnswerFunction,
+    readings: AnswerFunction,
     constants: Numbers | None = None,
     ports: Units | None = None,
-    flow: Answer | None = None,
+    flow: AnswerFunction | None = None,
     initial: Mapping[str, float] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     biases: Collection[str] | None = None,
@@ -298,7 +296,7 @@ def own_model(
     the_states, the_inputs, the_outputs, the_ports = signals
     start = _initial(name, initial or {}, (*the_states, *the_inputs))
     all_numbers = ParameterSet((*numbers["constants"], *numbers["parameters"]))
-    equations = OwnEquations(
+    equations = UserEquations(
         name,
         *signals,
         all_numbers.names,
@@ -306,7 +304,9 @@ def own_model(
         readings,
         flow,
         rate_ports=tuple(port.name for port in the_ports) if ports is None else (),
-        resting=tuple((each.name, start[each.name]) for each in the_inputs if each.name in start),
+        rest_inputs=tuple(
+            (each.name, start[each.name]) for each in the_inputs if each.name in start
+        ),
         biased_outputs=_biased(name, biases, [signal.name for signal in the_outputs]),
     )
     return _model(equations, all_numbers, start, all_biases=biases is None)
@@ -346,18 +346,18 @@ def _declared_numbers(
 
 
 def _model(
-    equations: OwnEquations, numbers: ParameterSet, start: Mapping[str, float], *, all_biases: bool
+    equations: UserEquations, numbers: ParameterSet, start: Mapping[str, float], *, all_biases: bool
 ) -> Model:
     """Return the model of equations that were tried at their starts."""
     zero = {each.name: 0.0 for each in (*equations.states, *equations.inputs, *equations.ports)}
-    starts = Starts({TIME: 0.0, **zero, **start}, {item.name: item.value for item in numbers})
+    starts = TrialPoint({TIME: 0.0, **zero, **start}, {item.name: item.value for item in numbers})
     with np.errstate(all="ignore"):  # away from the starts a root or a logarithm may have no value
-        equations = replace(equations, formed_names=try_model(equations, starts))
+        equations = replace(equations, flow_names=try_model(equations, starts))
         refuse_misnamed(equations, starts)
         multiplying_names = multiplying(equations, starts, numbers.free_names)
         equations = replace(
             equations,
-            multiplying=tuple((name, numbers[name].unit) for name in multiplying_names),
+            multiplying_parameters=tuple((name, numbers[name].unit) for name in multiplying_names),
             products=products(equations, starts, multiplying_names),
         )
         if all_biases:

@@ -27,7 +27,7 @@ from sim.declaration.effect import (
 )
 from sim.declaration.model import Containing, DrivenByOthers, Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.user_equations import OwnEquations
+from sim.declaration.user_equations import UserEquations
 from sim.maths import maximum, minimum
 
 # ---- Instances of an effect on the inputs and outputs of any equations
@@ -57,7 +57,7 @@ def all_labelled(names: Iterable[str], label: str) -> tuple[str, ...]:
 
 def controls(equations: Equations) -> tuple[Signal, ...]:
     """Return the inputs that a pilot or controller moves, without measured motion and air data."""
-    attitude = () if isinstance(equations, OwnEquations) else (ATTITUDE,)
+    attitude = () if isinstance(equations, UserEquations) else (ATTITUDE,)
     others = {
         *attitude,
         *(port.name for port in equations.ports),
@@ -186,7 +186,7 @@ def has_its_constants_and_ports(effect: object, equations: Equations) -> bool:
     )
 
 
-def ports_without(variants: Iterable[Traceable], equations: OwnEquations) -> tuple[Signal, ...]:
+def ports_without(variants: Iterable[Traceable], equations: UserEquations) -> tuple[Signal, ...]:
     """Return the load ports of a user model to which none of the effects ``variants`` adds."""
     covered = {
         port

@@ -32,7 +32,7 @@ import numpy as np
 from sim.aerodynamics import AS_TERM, FLOW, RATES, Term, TermTable
 from sim.declaration.effect import FROM_OUTPUTS, Parameter, ParameterSet
 from sim.declaration.model import Model
-from sim.declaration.user_equations import OwnEquations
+from sim.declaration.user_equations import UserEquations
 from sim.declaration.user_model import own_model
 from sim.errors import DeclarationError, ModelError
 from sim.maths import G0, add_product, arctan, cos, interpolate, plus, sin, sqrt
@@ -358,7 +358,7 @@ def aircraft_model(aircraft: Aircraft) -> Model:
         )
     except ModelError as error:
         raise DeclarationError(error.what, where=where, remedy=error.remedy) from error
-    assert isinstance(model.equations, OwnEquations)
+    assert isinstance(model.equations, UserEquations)
     terms = tuple((axis, term.text) for axis, term in aircraft.terms.values())
     starts = [_start(item, aircraft.attitude) for item in model.initial]
     equations = replace(model.equations, terms=terms)

@@ -46,7 +46,7 @@ ONCE_UNNOTICED = (
         ("and found.record.inputs\n", ""),
         ("and request.plan.hold is None", ""),
         ("request.plan.hold is None", "request.plan.hold is not None"),
-        (" and not any(file.sidecar.says_hold for file in files)", ""),
+        (" and not any(file.sidecar.states_hold for file in files)", ""),
         ("not any(file.sidecar", "not all(file.sidecar"),
         ("not any(file.sidecar", "any(file.sidecar"),
         ("replace(options, profile=None)", "options"),
@@ -387,7 +387,7 @@ IDENT = (
         ("- p[DELAY]", "+ p[DELAY]"),
     ),
     *changes(
-        "ident/flying_qualities/levels.py",
+        "ident/flying_qualities/fitted_forms.py",
         ("tests/unit/ident/flying_qualities/test_fitted_forms.py",),
         (
             "** 2 * inverse_time / p",

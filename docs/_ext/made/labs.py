@@ -46,7 +46,7 @@ def lab_page(number: int, path: Path) -> str:
             match name_of(call):
                 case "heading":
                     head = f"# Lab {number}. {words[1]}\n\n**Aim.** {plain(words[2])}\n"
-                case "sketch":
+                case "aircraft_sketch":
                     parts.append("![Axes, angles, rates and their signs](../../axes.svg)\n")
                 case "md" if words and re.match(r"\s*## .*\n", words[0].strip()):
                     parts.append(below(plain(words[0])))
@@ -75,7 +75,7 @@ def figures_of(path: Path) -> list[str]:
     found = [
         text_of(call.args[1])
         for call in calls(ast.parse(path.read_text(encoding="utf-8")))
-        if name_of(call) == "plotted" and len(call.args) > 1
+        if name_of(call) == "interactive_figure" and len(call.args) > 1
     ]
     return list(dict.fromkeys(found))
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 KEPT = 64  # studies in the cache, some hundred kB each
 PREFIX = "flightid-"  # prefix of temporary folders
-ALONE = "methods=[]"  # change of a scenario that leaves its main method alone
+MAIN_METHOD_ONLY = "methods=[]"  # change of a scenario: no methods besides its main one
 
 
 class Scratch:
@@ -37,7 +37,9 @@ class Scratch:
 
 
 @lru_cache(KEPT)
-def tried(name: str, changes: tuple[str, ...] = (), seed: int | None = None) -> StudyResult:
+def scenario_study(
+    name: str, changes: tuple[str, ...] = (), seed: int | None = None
+) -> StudyResult:
     """Return the study of a scenario with changes as by ``--set``. Errors as ``run_scenario``."""
     from scenarios.studies.catalogue import load_scenario
     from scenarios.studies.study import run_scenario
@@ -46,7 +48,7 @@ def tried(name: str, changes: tuple[str, ...] = (), seed: int | None = None) -> 
 
 
 @lru_cache(KEPT)
-def repeated(
+def scenario_campaign(
     name: str, changes: tuple[str, ...], runs: int, seed: int | None = None
 ) -> CampaignRuns:
     """Return a campaign of the main method with ``runs`` runs. Errors as ``fly_campaign``."""

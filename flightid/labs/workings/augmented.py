@@ -176,7 +176,7 @@ def quality(flight: Augmented, name: str) -> float:
     return next(item.value for item in flight.qualities if item.name == name)
 
 
-def numbers(
+def key_numbers(
     airframe: str = "F, flight-like",
     amplitude: float = 1.0,
     unit: float = 0.5,
@@ -203,7 +203,7 @@ def numbers(
 
 def level_of_delay() -> str:
     """Return the level that the delay of the flight-like airframe allows."""
-    delay = numbers()["delay"] / 1000.0
+    delay = key_numbers()["delay"] / 1000.0
     return next(
         (f"Level {level}" for level, bound in enumerate(DELAYS, start=1) if delay <= bound), "none"
     )
@@ -214,7 +214,7 @@ def most_constant() -> str:
 
     The maneuvers have units of 0.2, 0.5 and 1 s.
     """
-    found = [numbers(unit=unit) for unit in (0.2, 0.5, 1.0)]
+    found = [key_numbers(unit=unit) for unit in (0.2, 0.5, 1.0)]
     words = {
         "inv_tau": "inv_tau",
         "M_q": "M_q",

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flightid.labs.workings import ALONE, repeated, row_of, tried
+from flightid.labs.workings import MAIN_METHOD_ONLY, row_of, scenario_campaign, scenario_study
 
 if TYPE_CHECKING:
     from ident.estimate import FilterHistory
@@ -26,7 +26,7 @@ def changes(
     noise of the radar (ft).
     """
     return (
-        ALONE,
+        MAIN_METHOD_ONLY,
         f"flight.noise_std.altitude={noise:g} ft",
         f"estimate.start.beta.value={start:g} lb/ft2",
         f"estimate.start.beta.std={spread:g} lb/ft2",
@@ -36,12 +36,12 @@ def changes(
 
 def study(changed: tuple[str, ...], seed: int = 1) -> StudyResult:
     """Return the study of one fall."""
-    return tried(SCENARIO, changed, seed)
+    return scenario_study(SCENARIO, changed, seed)
 
 
 def campaign(changed: tuple[str, ...], runs: int = 200) -> CampaignRuns:
     """Return a campaign of the fall: ``runs`` runs from seed 1."""
-    return repeated(SCENARIO, changed, runs, 1)
+    return scenario_campaign(SCENARIO, changed, runs, 1)
 
 
 def history_of(found: StudyResult) -> FilterHistory:
@@ -60,7 +60,7 @@ def awakening(found: StudyResult) -> tuple[float, float]:
     return time, float(np.interp(time, found.record.time, found.record["altitude"].values))
 
 
-def numbers(
+def key_numbers(
     start: float = 800.0,
     spread: float = 300.0,
     passes: int = 1,

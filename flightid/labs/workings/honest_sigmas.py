@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flightid.labs.workings import repeated, tried
+from flightid.labs.workings import scenario_campaign, scenario_study
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -54,12 +54,12 @@ def changes(
 
 def campaign(changed: tuple[str, ...], runs: int = 50) -> CampaignRuns:
     """Return a campaign of ``runs`` runs from seed 1."""
-    return repeated(SCENARIO, changed, runs, 1)
+    return scenario_campaign(SCENARIO, changed, runs, 1)
 
 
 def study(changed: tuple[str, ...], seed: int = 1) -> StudyResult:
     """Return the study of one flight, for its residual."""
-    return tried(SCENARIO, changed, seed)
+    return scenario_study(SCENARIO, changed, seed)
 
 
 def errors(found: CampaignRuns) -> dict[str, np.ndarray]:
@@ -103,7 +103,7 @@ def bound() -> Mapping[str, float]:
     )
 
 
-def numbers(
+def key_numbers(
     believed: float = 1.0,
     acting: float = 0.0,
     told: float = 0.0,

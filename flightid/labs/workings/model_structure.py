@@ -275,7 +275,7 @@ def told(studied: Studied, axis: str) -> list[str]:
     ]
 
 
-def numbers(
+def key_numbers(
     axis: str = "Cm",
     maneuvers: int = 3,
     kind: str = KINDS[0],

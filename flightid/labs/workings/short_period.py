@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flightid.labs.workings import row_of, sigmas_off, tried
+from flightid.labs.workings import row_of, scenario_study, sigmas_off
 
 if TYPE_CHECKING:
     from scenarios.studies.study import StudyResult
@@ -42,7 +42,7 @@ def changes(
 
 def study(changed: tuple[str, ...], seed: int = 1) -> StudyResult:
     """Return the study with these changes."""
-    return tried(SCENARIO, changed, seed)
+    return scenario_study(SCENARIO, changed, seed)
 
 
 def largest_alpha(found: StudyResult) -> float:
@@ -50,7 +50,7 @@ def largest_alpha(found: StudyResult) -> float:
     return float(np.degrees(np.max(np.abs(found.truth.outputs["alpha"]))))
 
 
-def numbers(
+def key_numbers(
     kind: str = "3-2-1-1",
     amplitude: float = 6.0,
     unit: float = 0.5,

@@ -67,7 +67,7 @@ def without_excitation(changed: tuple[str, ...]) -> ResponseEstimates:
         )
 
 
-def numbers(
+def key_numbers(
     gain: float = 0.22, delay: float = 32.0, amplitude: float = 0.15, gyro: float = 1.0
 ) -> dict[str, float]:
     """Return the numbers of the key: true and estimated margins, model, and direct estimate.

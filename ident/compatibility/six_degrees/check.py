@@ -69,8 +69,8 @@ def bias_estimates(kinematic_fit: KinematicFit, r: int) -> tuple[SensorEstimate,
     """Return the biases of record ``r`` by output error and by the smoother. Output error starts
     at the smoother fit and does one step.
     """
-    s, own = kinematic_fit.signals[r], kinematic_fit.own[r]
-    unknowns, n = unknowns_of(s), len(own)
+    s, unknown_values = kinematic_fit.signals[r], kinematic_fit.unknown_values[r]
+    unknowns, n = unknowns_of(s), len(unknown_values)
     prior = np.array([item.prior**-2 for item in unknowns] + [0.0] * len(kinematic_fit.faults))
     slopes = np.where(s.valid[:, :, None], kinematic_fit.jacobians[r], 0.0)
     white = projected_whitener(s, kinematic_fit.noise)(slopes)
@@ -87,7 +87,7 @@ def bias_estimates(kinematic_fit: KinematicFit, r: int) -> tuple[SensorEstimate,
         r,
         np.concatenate([slopes, kinematic_fit.residuals[r][:, :, None]], axis=2),
     )
-    gradient[:n] -= prior[:n] * own
+    gradient[:n] -= prior[:n] * unknown_values
     output_error_inverse = bounded_inverse(gram + np.diag(prior))
     step = output_error_inverse @ gradient
     output_error_variances = np.diag(
@@ -97,8 +97,8 @@ def bias_estimates(kinematic_fit: KinematicFit, r: int) -> tuple[SensorEstimate,
     for i, item in enumerate(unknowns):
         if item.key[1] == BIAS:
             fault = SensorFault(item.key[0], BIAS)
-            value, variance = float(own[i]), float(variances[i])
-            output_error_value = float(own[i] + step[i])
+            value, variance = float(unknown_values[i]), float(variances[i])
+            output_error_value = float(unknown_values[i] + step[i])
             output_error_variance = max(float(output_error_variances[i]), variance)
             determined = 0.0 < variance < fault.plausible**2
             gain = 0.5 * value**2 / variance if variance > 0 else 0.0
@@ -140,15 +140,17 @@ def faults_instead_of_bias(
     as well as the bias of a channel does.
     """
     information, gradient = linear.full_equations[r]
-    own, faults = linear.fit.own[r], linear.faults
-    n = len(own)
+    unknown_values, faults = linear.fit.unknown_values[r], linear.faults
+    n = len(unknown_values)
     b = [item.key for item in unknowns_of(linear.fit.signals[r])].index((channel, BIAS))
     members = [n + faults.index(fault) for fault in linear.fit.faults]
     gain_with_bias, _, _ = _gain_value_variance([*range(n), *members], information, gradient)
     # The bias is set to zero by a step of minus its value.
     others = [*(i for i in range(n) if i != b), *members]
-    gradient_without = gradient + information[:, b] * own[b]
-    loss_without = gradient[b] * own[b] + 0.5 * information[b, b] * own[b] ** 2
+    gradient_without = gradient + information[:, b] * unknown_values[b]
+    loss_without = (
+        gradient[b] * unknown_values[b] + 0.5 * information[b, b] * unknown_values[b] ** 2
+    )
     losses = []
     for j, fault in enumerate(faults):
         if n + j not in members and information[n + j, n + j] > 0:
@@ -347,7 +349,9 @@ def drift_finding(
     penalty = penalty_per_fault(false_alarm, len(drifts))
     if float(np.max(gains) - fit_sets(linear.smoother[r], faults, [members]).gain[0]) < penalty:
         return ()
-    record_fit = replace(linear.fit, signals=(linear.fit.signals[r],), own=(linear.fit.own[r],))
+    record_fit = replace(
+        linear.fit, signals=(linear.fit.signals[r],), unknown_values=(linear.fit.unknown_values[r],)
+    )
     with_drift = linearise_faults(
         fit(record_fit.signals, [faults[i] for i in (*members, j)], record_fit),
         faults,
@@ -529,7 +533,7 @@ def _notes(search_result: SixDegreeSearch, signals: Sequence[KinematicSignals]) 
     on_time = [name for name in timed_channels(tuple(signals[0].channels)) if name not in delayed]
     if delayed & set(timed_channels(tuple(signals[0].channels))) and on_time:
         notes.append(
-            f"times count from {', '.join(on_time)}, which agree: a delay common to "
+            f"delays are relative to {', '.join(on_time)}, which agree: a delay common to "
             "all channels cannot be detected from kinematics"
         )
     return notes

@@ -247,15 +247,16 @@ def fit(
     """
     unknowns = [unknowns_of(s) for s in signals]
     if begin is None:
-        own = [start_of(s, items) for s, items in zip(signals, unknowns, strict=True)]
+        unknown_values = [start_of(s, items) for s, items in zip(signals, unknowns, strict=True)]
     else:
-        own = [np.array(values) for values in begin.own]
+        unknown_values = [np.array(values) for values in begin.unknown_values]
     sizes = starting_sizes(faults, begin)
     starting_noise = noise_from_roughness(signals)
     noise = begin.noise if begin is not None else starting_noise
     priors = [np.array([item.prior**-2 for item in u]) for u in unknowns]
     linear = [
-        linearised(s, u, faults, o, sizes) for s, u, o in zip(signals, unknowns, own, strict=True)
+        linearised(s, u, faults, o, sizes)
+        for s, u, o in zip(signals, unknowns, unknown_values, strict=True)
     ]
     search = KinematicDescent(
         tuple(signals),
@@ -270,7 +271,7 @@ def fit(
     )
     for _ in range(MOST_PASSES):
         whiteners = [reduced_whitener(s, noise) for s in signals]
-        own, sizes, linear = descend(search, (own, sizes, linear), whiteners)
+        unknown_values, sizes, linear = descend(search, (unknown_values, sizes, linear), whiteners)
         residuals = [residual_of(s, y) for s, (y, _) in zip(signals, linear, strict=True)]
         before, columns = noise, [slope for _, slope in linear]
         noise = estimated_noise(signals, residuals, columns, starting_noise)
@@ -278,13 +279,13 @@ def fit(
             break
     residuals = [residual_of(s, y) for s, (y, _) in zip(signals, linear, strict=True)]
     whiteners = [reduced_whitener(s, noise) for s in signals]
-    cost = misfit(signals, priors, own, [y for y, _ in linear], whiteners)
+    cost = misfit(signals, priors, unknown_values, [y for y, _ in linear], whiteners)
     slopes, outputs = tuple(slope for _, slope in linear), tuple(y for y, _ in linear)
     return KinematicFit(
         tuple(signals),
         tuple(faults),
         sizes,
-        tuple(own),
+        tuple(unknown_values),
         noise,
         cost,
         tuple(residuals),
@@ -380,7 +381,10 @@ def linearise_faults(
     for r, s in enumerate(kinematic_fit.signals):
         unknowns = unknowns_of(s)
         slopes, delay_slopes = _fault_slopes(kinematic_fit, r, faults, secants)
-        own, fault_slopes = kinematic_fit.own[r], slopes[:, :, len(kinematic_fit.own[r]) :]
+        unknown_values, fault_slopes = (
+            kinematic_fit.unknown_values[r],
+            slopes[:, :, len(kinematic_fit.unknown_values[r]) :],
+        )
         members = [faults.index(fault) for fault in kinematic_fit.faults]
         fault_part = fault_slopes[:, :, members] @ kinematic_fit.sizes
         residual = np.where(s.valid, kinematic_fit.residuals[r] + fault_part, 0.0)
@@ -397,7 +401,7 @@ def linearise_faults(
             axis=2,
         )
         innovations = whitener(s, kinematic_fit.noise)(kinematic_fit.residuals[r][:, :, None])
-        smoother.append(_fault_equations(white, prior, own, innovations[:, :, 0]))
+        smoother.append(_fault_equations(white, prior, unknown_values, innovations[:, :, 0]))
         all_columns.append(columns)
         bias_places = [i for i, item in enumerate(unknowns) if item.key[1] == BIAS]
         biases = tuple(SensorFault(unknowns[i].key[0], BIAS) for i in bias_places)
@@ -407,12 +411,12 @@ def linearise_faults(
         full_equations.append(
             (
                 gram[:-1, :-1] + np.diag(extended_prior),
-                gram[:-1, -1] - extended_prior * np.append(own, np.zeros(len(faults))),
+                gram[:-1, -1] - extended_prior * np.append(unknown_values, np.zeros(len(faults))),
             )
         )
         # A delay common to all channels is unobservable. Only derivatives show this exactly:
         # secants of the channels over different times would not cancel.
-        delays = [len(own) + j for j, fault in enumerate(faults) if fault.kind == DELAY]
+        delays = [len(unknown_values) + j for j, fault in enumerate(faults) if fault.kind == DELAY]
         flat[:, delays] = white_delays.reshape(len(flat), -1)
         bias_information.append(
             _information_with_biases(flat[:, :-1].T @ flat[:, :-1], prior, bias_places)
@@ -437,13 +441,13 @@ def _fault_slopes(
     for delays and lags it has secants. The second, ``(m, N, d)``, has the derivatives with respect
     to the d delays.
     """
-    s, own = kinematic_fit.signals[r], kinematic_fit.own[r]
+    s, unknown_values = kinematic_fit.signals[r], kinematic_fit.unknown_values[r]
     unknowns = unknowns_of(s)
     sizes = np.zeros(len(faults))
     for fault, size in zip(kinematic_fit.faults, kinematic_fit.sizes.tolist(), strict=True):
         sizes[list(faults).index(fault)] = size
-    _, slopes = linearised(s, unknowns, faults, own, sizes)
-    n = len(own)
+    _, slopes = linearised(s, unknowns, faults, unknown_values, sizes)
+    n = len(unknown_values)
     delay_slopes = slopes[:, :, [n + j for j, fault in enumerate(faults) if fault.kind == DELAY]]
     for j, fault in enumerate(faults):
         if fault.kind in (DELAY, LAG):
@@ -453,13 +457,13 @@ def _fault_slopes(
             ]
             ends = np.where(shifts_channel, 0.0, np.stack([sizes, sizes]))
             ends[1, j] = secants[j]
-            y = evaluate(s, unknowns, faults, np.repeat(own[None], 2, axis=0), ends)
+            y = evaluate(s, unknowns, faults, np.repeat(unknown_values[None], 2, axis=0), ends)
             slopes[:, :, n + j] = (y[:, 1] - y[:, 0]) / secants[j]
     return slopes, delay_slopes
 
 
 def _fault_equations(
-    white: np.ndarray, prior: np.ndarray, own: np.ndarray, innovations: np.ndarray
+    white: np.ndarray, prior: np.ndarray, unknown_values: np.ndarray, innovations: np.ndarray
 ) -> NormalEquations:
     """Return the normal equations of the faults from the whitened columns of one record.
 
@@ -475,7 +479,7 @@ def _fault_equations(
     gram = flat.T @ flat
     k = gram.shape[0] - n - 1
     gradient = gram[: n + k, -1].copy()
-    gradient[:n] -= prior * own
+    gradient[:n] -= prior * unknown_values
     projection = _projection_matrix(gram[: n + k, : n + k], prior)
     scatter = np.sum(
         [
@@ -527,10 +531,10 @@ def gradient_covariance(columns: np.ndarray, residual: np.ndarray) -> np.ndarray
 
 def output_error_equations(linearisation: FaultLinearisation, r: int) -> NormalEquations:
     """Return the normal equations of record ``r`` by output error (white residuals)."""
-    s, own = linearisation.fit.signals[r], linearisation.fit.own[r]
-    prior, n = np.array([item.prior**-2 for item in unknowns_of(s)]), len(own)
+    s, unknown_values = linearisation.fit.signals[r], linearisation.fit.unknown_values[r]
+    prior, n = np.array([item.prior**-2 for item in unknowns_of(s)]), len(unknown_values)
     gram, gradient, scatter = output_error_gram(s, linearisation.fit, r, linearisation.columns[r])
-    gradient[:n] -= prior * own
+    gradient[:n] -= prior * unknown_values
     scatter[np.arange(n), np.arange(n)] += prior
     return _projected(gram, gradient, scatter, _projection_matrix(gram, prior))
 

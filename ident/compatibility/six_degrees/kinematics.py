@@ -21,11 +21,12 @@ with w the vertical wind. A channel that is not recorded is replaced:
 - theta and alpha by a fitted constant of the record
 - phi and beta by zero
 - p by the change of phi
-- q by the rate that holds theta
-- r, in phi_dot = p + psi_dot sin(theta), by a coordinated turn with psi_dot = g tan(phi)/V
-- ax by the acceleration that holds the airspeed
+- q by the rate that keeps theta constant
+- r, in the equation of phi, by that of a coordinated turn: phi_dot = p + psi_dot sin(theta) with
+  psi_dot = g tan(phi)/V
+- ax by the acceleration that keeps the airspeed constant
 
-The terms of any other load that is not recorded are zero.
+ay and az are replaced by zero, together with the terms of gravity along their axes.
 """
 
 from __future__ import annotations
@@ -82,15 +83,15 @@ def usable_channels(record: Record) -> tuple[str, ...]:
     """Return the channels of a record that the kinematics use, with one accelerometer for each axis
     and one height.
     """
-    have = [
+    usable = [
         name
         for name in CHANNELS
         if name in record.output_names and np.count_nonzero(record[name].valid) > 1
     ]
     for alternatives in (*AXES.values(), HEIGHTS):
-        for name in [name for name in alternatives if name in have][1:]:
-            have.remove(name)
-    return tuple(have)
+        for name in [name for name in alternatives if name in usable][1:]:
+            usable.remove(name)
+    return tuple(usable)
 
 
 def load_on(axis: str, names: Sequence[str]) -> str | None:
@@ -99,17 +100,17 @@ def load_on(axis: str, names: Sequence[str]) -> str | None:
 
 
 def relations(names: Sequence[str], *, speed: bool) -> dict[str, tuple[str, ...]]:
-    """Return output -> channels of its relation, for each relation whose required channels are all
-    among ``names``. The required channels come first.
+    """Return, for each output that ``names`` suffice to reconstruct, output -> channels in its
+    relation. The channels that the relation requires come first, and then the optional ones.
 
     ``speed`` : whether an airspeed is recorded or given.
     """
-    have = set(names)
+    recorded = set(names)
     x, y, z = (load_on(axis, names) or "" for axis in "xyz")
-    height = next((name for name in HEIGHTS if name in have), "")
-    needs = {
+    height = next((name for name in HEIGHTS if name in recorded), "")
+    conditions = {
         "alpha": (("alpha", "q", z), ("theta", "phi", x, "beta", "p", "r", "airspeed"), speed),
-        "theta": (("theta", "q"), ("phi", "r"), "phi" not in have or "r" in have),
+        "theta": (("theta", "q"), ("phi", "r"), "phi" not in recorded or "r" in recorded),
         "airspeed": (("airspeed", x, "theta", "alpha", z), ("beta", y, "phi"), True),
         "beta": (("beta", "r", y, "phi"), ("p", "alpha", "theta", x, z, "airspeed"), speed),
         "phi": (("phi", "p"), ("r", "q", "theta"), True),
@@ -117,9 +118,9 @@ def relations(names: Sequence[str], *, speed: bool) -> dict[str, tuple[str, ...]
         height: ((height, "theta", "alpha"), ("airspeed", "phi", "beta"), speed),
     }
     return {
-        output: (*required, *(name for name in optional if name in have))
-        for output, (required, optional, possible) in needs.items()
-        if possible and set(required) <= have
+        output: (*required, *(name for name in optional if name in recorded))
+        for output, (required, optional, possible) in conditions.items()
+        if possible and set(required) <= recorded
     }
 
 
@@ -134,7 +135,7 @@ def prepared_signals(
     Parameters
     ----------
     channels : the channels common to all records.
-    airspeed : m/s, where none is recorded; None without.
+    airspeed : m/s, for a record without airspeed; None if it is not known.
     gravity : m/s2.
     vane_arm : m.
 
@@ -146,7 +147,7 @@ def prepared_signals(
     pitch = bridged.values["theta"][bridged.valid["theta"]] if "theta" in channels else np.zeros(0)
     if np.any(np.abs(pitch) > _STEEPEST_PITCH):
         raise RecordError(
-            "an attitude near the vertical, where bank and heading mean nothing",
+            "an attitude near the vertical, where bank and heading are not defined",
             where=f"{record.name}, channel theta",
             remedy="cut the record there",
         )
@@ -155,10 +156,10 @@ def prepared_signals(
         if float(np.median(bridged.values[z])) / weight < _INCREMENTAL_LOAD:
             bridged.values[z] = bridged.values[z] + weight
             notes.append(f"{z} of {record.name} does not include the weight, which is added")
-    related = relations(channels, speed=airspeed is not None or "airspeed" in channels)
-    used = {name for joined in related.values() for name in joined}
+    output_relations = relations(channels, speed=airspeed is not None or "airspeed" in channels)
+    used = {name for joined in output_relations.values() for name in joined}
     signals = joined_signals(
-        record, bridged, related, used, airspeed, gravity, vane_arm, np.zeros(0)
+        record, bridged, output_relations, used, airspeed, gravity, vane_arm, np.zeros(0)
     )
     return signals, tuple(notes)
 
@@ -199,31 +200,34 @@ class _CorrectedMotion:
 
 
 def reconstructed_outputs(s: KinematicSignals, value: Values) -> np.ndarray:
-    """Return the outputs ``(m, P, N)`` that sensors with P sets of faults should read.
+    """Return the expected readings ``(m, P, N)`` of the outputs for P sets of faults and unknowns.
 
-    ``value`` gives the sizes of the faults. It also gives the initial states ``("start", STATE)``,
-    the constants ``("level", "theta")`` and ``("level", "alpha")`` where these angles are not
-    recorded, and the vertical wind ``("wind", "bias")``, m/s upward.
+    The function ``value(channel, kind)`` returns the sizes ``(P, 1)`` of a fault. It also returns
+    the initial states as ``("start", STATE)``, the constants that replace unrecorded angles as
+    ``("level", "theta")`` and ``("level", "alpha")``, and the vertical wind, m/s upward, as
+    ``("wind", "bias")``.
     """
     rates = {name: true_samples(s, name, value) for name in ("p", "q", "r") if name in s.channels}
     motion = _motion(s, value, rates)
     readings = []
     for name in s.outputs:
         state = value("start", name) + cumulative(
-            _OUTPUT_INCREMENTS.get(name, _height)(s, motion, value)
+            _OUTPUT_INCREMENTS.get(name, _height_increments)(s, motion, value)
         )
         readings.append(
             sensor_reading(
-                s, name, _flow_angle_at_vane(s, name, state, value, rates, motion.speed), value
+                s, name, _transferred_flow_angle(s, name, state, value, rates, motion.speed), value
             )
         )
-    width = max(row.shape[0] for row in readings)
-    return np.array([np.broadcast_to(row, (width, len(s.time))) for row in readings])
+    set_count = max(reading.shape[0] for reading in readings)
+    return np.array([np.broadcast_to(reading, (set_count, len(s.time))) for reading in readings])
 
 
 def _motion(s: KinematicSignals, value: Values, rates: dict[str, np.ndarray]) -> _CorrectedMotion:
-    """Return the motion corrected for faults. ``rates`` are the true rates at the samples."""
-    h, zero = s.steps, np.zeros((1, len(s.time)))
+    """Return the motion corrected for faults. ``rates`` are the corrected rates at the samples,
+    rad/s.
+    """
+    steps, zeros = s.steps, np.zeros((1, len(s.time)))
     if "airspeed" in s.channels:
         speed = true_samples(s, "airspeed", value)
     else:
@@ -231,19 +235,19 @@ def _motion(s: KinematicSignals, value: Values, rates: dict[str, np.ndarray]) ->
     angles = {}
     for name in ("phi", "theta", "alpha", "beta"):
         if name in s.channels:
-            angles[name] = _flow_angle_at_vane(
+            angles[name] = _transferred_flow_angle(
                 s, name, true_samples(s, name, value), value, rates, speed, to_cg=True
             )
         else:
-            angles[name] = zero + value("level", name)
-    rate_integrals = {name: true_increments(s, name, value, h) for name in rates}
+            angles[name] = zeros + value("level", name)
+    rate_integrals = {name: true_increments(s, name, value, steps) for name in rates}
     if "p" not in rate_integrals and "phi" in s.channels:
         rate_integrals["p"] = np.diff(angles["phi"])
     force_integrals = {}
     for axis in "xyz":
         if (channel := load_on(axis, tuple(s.channels))) is not None:
             force_integrals[axis] = _SPECIFIC_FORCE_PER_LOAD.get(channel, 1.0) * true_increments(
-                s, channel, value, h
+                s, channel, value, steps
             ) - _lever_arm_integral(s, axis, channel, value, rates)
     return _CorrectedMotion(
         angles["phi"],
@@ -256,7 +260,7 @@ def _motion(s: KinematicSignals, value: Values, rates: dict[str, np.ndarray]) ->
     )
 
 
-def _flow_angle_at_vane(
+def _transferred_flow_angle(
     s: KinematicSignals,
     name: str,
     angle: np.ndarray,
@@ -266,8 +270,9 @@ def _flow_angle_at_vane(
     *,
     to_cg: bool = False,
 ) -> np.ndarray:
-    """Return a flow angle ``(P, N)`` at its vane from that at the centre of gravity. If ``to_cg``,
-    convert from the vane to the centre of gravity. Other angles are returned unchanged.
+    """Return a flow angle ``(P, N)`` transferred from the centre of gravity to its vane, or from
+    the vane to the centre of gravity if ``to_cg``. Angles other than alpha and beta are returned
+    unchanged.
     """
     arm = value(name, ARM) + value(BOOM, ARM) + (s.vane_arm if name == "alpha" else 0.0)
     terms = {
@@ -287,11 +292,11 @@ def _lever_arm_integral(
     x, y, z = (value(channel, kind) + value(PACKAGE, kind) for kind in (ARM, RIGHT, BELOW))
     if not (np.any(x) or np.any(y) or np.any(z)):
         return np.zeros((1, 1))
-    h, none = s.steps, np.zeros((1, len(s.time)))
-    p, q, r = (rates.get(name, none) for name in ("p", "q", "r"))
+    steps, zeros = s.steps, np.zeros((1, len(s.time)))
+    p, q, r = (rates.get(name, zeros) for name in ("p", "q", "r"))
 
     def integral(product: np.ndarray) -> np.ndarray:
-        return h * midpoints(product)
+        return steps * midpoints(product)
 
     if axis == "x":
         force = (
@@ -314,112 +319,137 @@ def _lever_arm_integral(
     return np.asarray(force)
 
 
-def _theta(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
-    q, r = m.rate_integrals["q"], m.rate_integrals.get("r")
+def _theta_increments(s: KinematicSignals, motion: _CorrectedMotion, value: Values) -> np.ndarray:
+    q, r = motion.rate_integrals["q"], motion.rate_integrals.get("r")
     if r is None or "phi" not in s.channels:
         return q
-    return q * midpoints(np.cos(m.phi)) - r * midpoints(np.sin(m.phi))
+    return q * midpoints(np.cos(motion.phi)) - r * midpoints(np.sin(motion.phi))
 
 
-def _phi(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
-    p, q, r = m.rate_integrals["p"], m.rate_integrals.get("q"), m.rate_integrals.get("r")
-    tan = np.tan(m.theta)
+def _phi_increments(s: KinematicSignals, motion: _CorrectedMotion, value: Values) -> np.ndarray:
+    p, q, r = (
+        motion.rate_integrals["p"],
+        motion.rate_integrals.get("q"),
+        motion.rate_integrals.get("r"),
+    )
+    tan_theta = np.tan(motion.theta)
     if r is None:
-        return p + s.gravity * s.steps * midpoints(np.sin(m.theta) * np.tan(m.phi) / m.speed)
+        return p + s.gravity * s.steps * midpoints(
+            np.sin(motion.theta) * np.tan(motion.phi) / motion.speed
+        )
     if q is None:
-        return p + r * midpoints(tan / np.cos(m.phi))
-    return p + q * midpoints(tan * np.sin(m.phi)) + r * midpoints(tan * np.cos(m.phi))
+        return p + r * midpoints(tan_theta / np.cos(motion.phi))
+    return (
+        p
+        + q * midpoints(tan_theta * np.sin(motion.phi))
+        + r * midpoints(tan_theta * np.cos(motion.phi))
+    )
 
 
-def _psi(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
-    q, r, cos = m.rate_integrals.get("q"), m.rate_integrals["r"], np.cos(m.theta)
+def _psi_increments(s: KinematicSignals, motion: _CorrectedMotion, value: Values) -> np.ndarray:
+    q, r, cos_theta = (
+        motion.rate_integrals.get("q"),
+        motion.rate_integrals["r"],
+        np.cos(motion.theta),
+    )
     if q is None:
-        return r * midpoints(1.0 / (np.cos(m.phi) * cos))
-    return q * midpoints(np.sin(m.phi) / cos) + r * midpoints(np.cos(m.phi) / cos)
+        return r * midpoints(1.0 / (np.cos(motion.phi) * cos_theta))
+    return q * midpoints(np.sin(motion.phi) / cos_theta) + r * midpoints(
+        np.cos(motion.phi) / cos_theta
+    )
 
 
-def _forces(
-    s: KinematicSignals, m: _CorrectedMotion, axes: tuple[tuple[str, np.ndarray], ...]
+def _acceleration_integral(
+    s: KinematicSignals, motion: _CorrectedMotion, axis_weights: tuple[tuple[str, np.ndarray], ...]
 ) -> np.ndarray:
-    """Return the integral ``(P, N - 1)`` over each interval of a weighted sum of specific force and
-    gravity. ``axes`` has pairs of an axis and its weights ``(P, N)`` at the samples.
+    """Return the integral ``(P, N - 1)`` over each interval of a weighted sum of accelerations
+    along body axes. An acceleration is the specific force plus gravity. ``axis_weights`` has pairs
+    of an axis and its weights ``(P, N)`` at the samples.
     """
-    weight = {
-        "x": -np.sin(m.theta),
-        "y": np.cos(m.theta) * np.sin(m.phi),
-        "z": np.cos(m.theta) * np.cos(m.phi),
+    gravity_direction = {
+        "x": -np.sin(motion.theta),
+        "y": np.cos(motion.theta) * np.sin(motion.phi),
+        "z": np.cos(motion.theta) * np.cos(motion.phi),
     }
     total = np.zeros((1, 1))
-    for axis, coefficient in axes:
-        if axis in m.force_integrals:
+    for axis, weight in axis_weights:
+        if axis in motion.force_integrals:
             total = (
                 total
-                + m.force_integrals[axis] * midpoints(coefficient)
-                + s.gravity * s.steps * midpoints(weight[axis] * coefficient)
+                + motion.force_integrals[axis] * midpoints(weight)
+                + s.gravity * s.steps * midpoints(gravity_direction[axis] * weight)
             )
     return total
 
 
-def _alpha(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
-    cos, sin = np.cos(m.alpha), np.sin(m.alpha)
-    inverse_speed = 1.0 / (m.speed * np.cos(m.beta))
-    axes: tuple[tuple[str, np.ndarray], ...] = (("z", inverse_speed / cos),)
-    if "x" in m.force_integrals:
-        axes = (("z", cos * inverse_speed), ("x", -sin * inverse_speed))
-    change = m.rate_integrals["q"] + _forces(s, m, axes)
+def _alpha_increments(s: KinematicSignals, motion: _CorrectedMotion, value: Values) -> np.ndarray:
+    cos_alpha, sin_alpha = np.cos(motion.alpha), np.sin(motion.alpha)
+    inverse_speed = 1.0 / (motion.speed * np.cos(motion.beta))
+    axis_weights: tuple[tuple[str, np.ndarray], ...] = (("z", inverse_speed / cos_alpha),)
+    if "x" in motion.force_integrals:
+        axis_weights = (("z", cos_alpha * inverse_speed), ("x", -sin_alpha * inverse_speed))
+    change = motion.rate_integrals["q"] + _acceleration_integral(s, motion, axis_weights)
     if "beta" in s.channels:
-        slip = np.tan(m.beta)
-        for rate, coefficient in (("p", cos), ("r", sin)):
-            if rate in m.rate_integrals:
-                change = change - m.rate_integrals[rate] * midpoints(slip * coefficient)
+        tan_beta = np.tan(motion.beta)
+        for rate, coefficient in (("p", cos_alpha), ("r", sin_alpha)):
+            if rate in motion.rate_integrals:
+                change = change - motion.rate_integrals[rate] * midpoints(tan_beta * coefficient)
     return np.asarray(change)
 
 
-def _beta(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
-    cos, sin = np.cos(m.alpha), np.sin(m.alpha)
-    slip, inverse_speed = np.sin(m.beta), 1.0 / m.speed
-    change = _forces(
+def _beta_increments(s: KinematicSignals, motion: _CorrectedMotion, value: Values) -> np.ndarray:
+    cos_alpha, sin_alpha = np.cos(motion.alpha), np.sin(motion.alpha)
+    sin_beta, inverse_speed = np.sin(motion.beta), 1.0 / motion.speed
+    change = _acceleration_integral(
         s,
-        m,
+        motion,
         (
-            ("y", np.cos(m.beta) * inverse_speed),
-            ("x", -cos * slip * inverse_speed),
-            ("z", -sin * slip * inverse_speed),
+            ("y", np.cos(motion.beta) * inverse_speed),
+            ("x", -cos_alpha * sin_beta * inverse_speed),
+            ("z", -sin_alpha * sin_beta * inverse_speed),
         ),
     )
-    change = change - m.rate_integrals["r"] * midpoints(cos)
-    p = m.rate_integrals.get("p")
-    return change if p is None else change + p * midpoints(sin)
+    change = change - motion.rate_integrals["r"] * midpoints(cos_alpha)
+    p = motion.rate_integrals.get("p")
+    return change if p is None else change + p * midpoints(sin_alpha)
 
 
-def _airspeed(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
-    cos = np.cos(m.beta)
-    return _forces(
-        s, m, (("x", np.cos(m.alpha) * cos), ("y", np.sin(m.beta)), ("z", np.sin(m.alpha) * cos))
+def _airspeed_increments(
+    s: KinematicSignals, motion: _CorrectedMotion, value: Values
+) -> np.ndarray:
+    cos_beta = np.cos(motion.beta)
+    return _acceleration_integral(
+        s,
+        motion,
+        (
+            ("x", np.cos(motion.alpha) * cos_beta),
+            ("y", np.sin(motion.beta)),
+            ("z", np.sin(motion.alpha) * cos_beta),
+        ),
     )
 
 
-def _height(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
-    cos, level = np.cos(m.beta), np.cos(m.theta)
+def _height_increments(s: KinematicSignals, motion: _CorrectedMotion, value: Values) -> np.ndarray:
+    cos_beta, cos_theta = np.cos(motion.beta), np.cos(motion.theta)
     rise = (
-        np.cos(m.alpha) * cos * np.sin(m.theta)
-        - np.sin(m.beta) * np.sin(m.phi) * level
-        - np.sin(m.alpha) * cos * np.cos(m.phi) * level
+        np.cos(motion.alpha) * cos_beta * np.sin(motion.theta)
+        - np.sin(motion.beta) * np.sin(motion.phi) * cos_theta
+        - np.sin(motion.alpha) * cos_beta * np.cos(motion.phi) * cos_theta
     )
-    return np.asarray(s.steps * (midpoints(m.speed * rise) + value("wind", BIAS)))
+    return np.asarray(s.steps * (midpoints(motion.speed * rise) + value("wind", BIAS)))
 
 
-# Function of each output that returns its increments over the intervals. `_height` serves all
-# outputs that are not listed.
+# Function of each output that returns its increments ``(P, N - 1)`` over the intervals.
+# `_height_increments` is used for all outputs that are not listed.
 _OUTPUT_INCREMENTS: dict[
     str, Callable[[KinematicSignals, _CorrectedMotion, Values], np.ndarray]
 ] = {
-    "theta": _theta,
-    "phi": _phi,
-    "psi": _psi,
-    "alpha": _alpha,
-    "beta": _beta,
-    "airspeed": _airspeed,
+    "theta": _theta_increments,
+    "phi": _phi_increments,
+    "psi": _psi_increments,
+    "alpha": _alpha_increments,
+    "beta": _beta_increments,
+    "airspeed": _airspeed_increments,
 }
 
 
@@ -432,8 +462,8 @@ _WITHOUT_BIAS = ("psi", *HEIGHTS)  # a bias of these acts like another initial s
 
 
 def unknowns_of(s: KinematicSignals) -> tuple[Unknown, ...]:
-    """Return the unknowns of a record: the initial states, a bias of each channel and the vertical
-    wind with wide priors, and constants for channels that are not recorded.
+    """Return the unknowns of a record: the initial states, biases of channels and the vertical wind
+    with wide priors, constants for angles that are not recorded, and the scale of a given airspeed.
     """
     unknowns = [Unknown(("start", name), 1e-3) for name in s.outputs]
     for name in s.channels:
@@ -500,37 +530,40 @@ def faults_of(s: KinematicSignals, chord: float = 0.0) -> tuple[SensorFault, ...
 
 
 def values_of(
-    unknowns: Sequence[Unknown], faults: Sequence[SensorFault], own: np.ndarray, sizes: np.ndarray
+    unknowns: Sequence[Unknown],
+    faults: Sequence[SensorFault],
+    unknown_values: np.ndarray,
+    sizes: np.ndarray,
 ) -> Values:
-    """Return the function that gives the values of P sets: ``own (P, n)`` of the unknowns and
-    ``sizes (P, k)`` of the faults.
+    """Return the function ``value(channel, kind)``, which returns the P values of one unknown or
+    fault: a column of ``unknown_values (P, n)`` or of ``sizes (P, k)``, and zero for any other.
     """
-    table = columns_of(unknowns, faults, own, sizes)
-    # A size that is equal in all rows is computed once.
+    table = columns_of(unknowns, faults, unknown_values, sizes)
+    # A column of equal values is shortened to one row, so that its effect is computed only once.
     table = {key: rows[:1] if np.all(rows == rows[0]) else rows for key, rows in table.items()}
-    none = np.zeros((1, 1))
-    return lambda channel, kind: table.get((channel, kind), none)
+    zero = np.zeros((1, 1))
+    return lambda channel, kind: table.get((channel, kind), zero)
 
 
 def evaluate(
     s: KinematicSignals,
     unknowns: Sequence[Unknown],
     faults: Sequence[SensorFault],
-    own: np.ndarray,
+    unknown_values: np.ndarray,
     sizes: np.ndarray,
 ) -> np.ndarray:
-    """Return the outputs ``(m, P, N)`` for P sets of values ``own (P, n)`` of the unknowns of the
-    record and ``sizes (P, k)`` of the faults.
+    """Return the outputs ``(m, P, N)`` for P sets of values: ``unknown_values (P, n)`` of the
+    record, and ``sizes (P, k)`` of the faults.
     """
-    result = reconstructed_outputs(s, values_of(unknowns, faults, own, sizes))
-    return np.broadcast_to(result, (len(s.outputs), len(own), len(s.time)))
+    result = reconstructed_outputs(s, values_of(unknowns, faults, unknown_values, sizes))
+    return np.broadcast_to(result, (len(s.outputs), len(unknown_values), len(s.time)))
 
 
 def linearised(
     s: KinematicSignals,
     unknowns: Sequence[Unknown],
     faults: Sequence[SensorFault],
-    own: np.ndarray,
+    unknown_values: np.ndarray,
     sizes: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the outputs ``(m, N)`` and their derivatives ``(m, N, n + k)``: forward differences
@@ -541,8 +574,8 @@ def linearised(
     """
     n, k = len(unknowns), len(faults)
     step = np.array([item.step for item in unknowns] + [difference_step(fault) for fault in faults])
-    centre = np.concatenate([own, sizes])
-    y = evaluate(s, unknowns, faults, own[None], sizes[None])[:, 0]
+    centre = np.concatenate([unknown_values, sizes])
+    y = evaluate(s, unknowns, faults, unknown_values[None], sizes[None])[:, 0]
     slope = np.empty((len(s.outputs), len(s.time), n + k))
     channel_of_column = [item.key[0] if item.key[0] != "start" else "" for item in unknowns] + [
         fault.channel for fault in faults

@@ -306,7 +306,7 @@ def search(
             faults,
             [i for i in common if i not in refused],
             penalty,
-            settings.most,
+            settings.max_faults,
             early,
         )
         failing = {i for i in members if not _records_agree(linear, members, i)}

@@ -1,4 +1,4 @@
-"""Columns of channels in a table and their units, and record files with their sidecars."""
+"""Search for the column and the unit of a channel in a table; record files and their sidecars."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from sim.record import Hold
 
 # ---- Which column of a table is which channel
 
-_SECOND_ELEMENT = re.compile(r"(\w[\w.]*)\[1\]")  # xyz[1], which also reads as xyz in the unit 1
+_SECOND_ELEMENT = re.compile(r"(\w[\w.]*)\[1\]")  # xyz[1]; brackets else enclose a unit
 
 
 @dataclass(frozen=True)
@@ -49,20 +49,20 @@ class SourceColumn:
     header : header cell of the column in the file.
     index : index of the column in the table.
     unit : unit of the numbers in the column; for the stick a label that is not converted.
-    inside : SI unit of the channel in the program; empty if ``unit`` is a label.
+    target_unit : SI unit to which the column is converted; empty if ``unit`` is a label.
     """
 
     channel: str
     header: str
     index: int
     unit: str
-    inside: str
+    target_unit: str
 
 
-def split_at(header: Sequence[str], index: int) -> tuple[str, str | None]:
+def name_and_unit(header: Sequence[str], index: int) -> tuple[str, str | None]:
     """Return name and unit of a header cell; the unit is None if the cell states none.
 
-    ``xyz[1]`` beside ``xyz[0]`` or ``xyz[2]`` is an element of an array, without a unit.
+    If the header has ``xyz[0]`` or ``xyz[2]`` too, ``xyz[1]`` is a name, the element of an array.
     """
     match = _SECOND_ELEMENT.fullmatch(header[index])
     if match is not None and (f"{match[1]}[0]" in header or f"{match[1]}[2]" in header):
@@ -71,9 +71,8 @@ def split_at(header: Sequence[str], index: int) -> tuple[str, str | None]:
 
 
 def suffix_unit(cell: str, channel: str) -> str | None:
-    """Return the unit in a header ``channel_unit``; None for any other header.
-
-    Words after the first one are divisors: ``q_deg_s`` is in ``deg/s``.
+    """Return the unit in a header cell of channel and unit, such as ``alpha_deg``; None for other
+    cells. Words after the first one are divisors: ``q_deg_s`` is in ``deg/s``.
     """
     if not cell.startswith(channel + "_"):
         return None
@@ -88,75 +87,74 @@ def find_column(
     choices: Mapping[str, ColumnChoice] | None = None,
     units: Mapping[str, str] | None = None,
     channel_units: Mapping[str, str] = CHANNEL_UNITS,
-    under: Sequence[str] = (),
+    unit_row: Sequence[str] = (),
     *,
     lenient: bool = False,
 ) -> SourceColumn | None:
     """Return the column of a channel; None if the table has none.
 
     A channel that is not in the channel map is found by the headers ``alpha``, ``alpha [deg]`` and
-    ``alpha_deg``. If a column ``alpha`` exists, a header ``alpha_word`` is another signal unless
-    the word is a unit of an angle. A header that is the name of another channel is never used.
+    ``alpha_deg``. If there is a column ``alpha``, a column such as ``alpha_raw`` is another signal,
+    since ``raw`` is no unit of an angle. A header that names another channel is never used.
 
     Parameters
     ----------
     header : header cells of the table.
     file : the file, for messages.
-    choices : channel map, with the column of a channel, or the declaration that it is absent.
-    units : channel -> unit of the sidecar, for columns without another unit.
+    choices : channel map, which gives the column of a channel or declares it absent.
+    units : channel -> unit, from the sidecar, for columns whose unit is stated nowhere else.
     channel_units : SI unit of every known channel.
-    under : row of units under the header, for columns without a unit in the header.
-    lenient : whether a unit in ``under`` of the wrong dimension is ignored: recorders often write
+    unit_row : row of units under the header, for columns without a unit in the header.
+    lenient : whether a unit of the wrong dimension in ``unit_row`` is ignored. Some recorders write
         wrong units.
 
     Raises
     ------
-    RecordError : if two columns are the channel, if the file lacks the column of the map, if the
-        unit is unknown or has the wrong dimension, or if the units in the header and under it
-        differ.
+    RecordError : if two columns match the channel, if the file lacks the column that the map gives,
+        if the unit is unknown or has the wrong dimension, or if header and unit row differ.
     """
     refuse_unknown("channel", channel, channel_units, file, RecordError)
     default = (units or {}).get(channel, channel_units[channel])
-    inside = program_unit(channel, channel_units)
+    target_unit = program_unit(channel, channel_units)
     if choices is not None and channel in choices:
         if choices[channel].absent:
             return None
         return _column_of_map(
-            channel, choices[channel], header, file, default, inside, under, lenient=lenient
+            channel, choices[channel], header, file, default, target_unit, unit_row, lenient=lenient
         )
-    named, suffixed = [], []
-    cells = _in_case_of_channel(channel, header, channel_units)
+    exact, suffixed = [], []
+    cells = _in_letter_case_of(channel, header, channel_units)
     for index, cell in enumerate(cells):
-        name, unit = split_at(cells, index)
+        name, unit = name_and_unit(cells, index)
         if name == channel:
-            named.append(SourceColumn(channel, header[index], index, unit or default, inside))
-        elif name not in channel_units and (word := suffix_unit(cell, channel)) is not None:
-            suffixed.append(SourceColumn(channel, header[index], index, word, inside))
-    readable = [column for column in suffixed if _unit_fault(column, file) is None]
-    # The unit of a stick is a label, and every word is a possible label.
-    matching = named + readable if inside else named or suffixed
+            exact.append(SourceColumn(channel, header[index], index, unit or default, target_unit))
+        elif name not in channel_units and (unit_word := suffix_unit(cell, channel)) is not None:
+            suffixed.append(SourceColumn(channel, header[index], index, unit_word, target_unit))
+    readable = [column for column in suffixed if _unit_error(column, file) is None]
+    # The unit of a stick is a label, so that any word after ``stick_`` might be one.
+    matching = exact + readable if target_unit else exact or suffixed
     if len(matching) > 1:
-        both = " and ".join(repr(column.header) for column in matching)
+        headers = " and ".join(repr(column.header) for column in matching)
         raise RecordError(
-            f"columns {both} are all {channel}",
+            f"columns {headers} are all {channel}",
             where=file,
-            remedy="leave one of them, or choose with --channels",
+            remedy="delete all but one of them, or choose one with --channels",
         )
     chosen = matching or suffixed[:1]
     if not chosen:
         return None
-    stated = chosen[0] in suffixed or split_header(chosen[0].header)[1] is not None
-    column = _with_unit_under(chosen[0], under, file, stated=stated, lenient=lenient)
-    return _convertible(column, file)
+    in_header = chosen[0] in suffixed or split_header(chosen[0].header)[1] is not None
+    column = _with_unit_of_row(chosen[0], unit_row, file, in_header=in_header, lenient=lenient)
+    return _with_checked_unit(column, file)
 
 
-def _in_case_of_channel(
+def _in_letter_case_of(
     channel: str, header: Sequence[str], channel_units: Mapping[str, str]
 ) -> Sequence[str]:
     """Return the header with cells such as ``Elevator`` or ``ALPHA`` in the letter case of the
-    channel. Cells that name another channel, and a header with an exact match, are not changed.
+    channel. Cells that name another channel are not changed, nor a header with an exact match.
     """
-    if any(split_at(header, index)[0] == channel for index in range(len(header))):
+    if any(name_and_unit(header, index)[0] == channel for index in range(len(header))):
         return header
     cells = list(header)
     for index, cell in enumerate(header):
@@ -173,23 +171,23 @@ def _in_case_of_channel(
 
 
 def program_unit(channel: str, channel_units: Mapping[str, str] = CHANNEL_UNITS) -> str:
-    """Return the unit in the program to which a channel is converted; empty for a stick without a
-    unit.
+    """Return the SI unit to which a channel is converted; empty for a stick, whose unit is only a
+    label.
     """
     return "" if channel == STICK and channel_units[channel] == "1" else channel_units[channel]
 
 
-def named_otherwise(
+def has_other_suffixes_only(
     channel: str, header: Sequence[str], choices: Mapping[str, ColumnChoice] | None = None
 ) -> bool:
-    """Return whether all headers that begin with the name of the channel continue with a word that
-    is no unit, as in ``airspeed_raw``.
+    """Return whether the channel has no column of its own, and all columns whose header begins with
+    its name continue with a word that is no unit, as in ``airspeed_raw``.
     """
     if channel in (choices or {}) or any(split_header(cell)[0] == channel for cell in header):
         return False
     words = [(cell, word) for cell in header if (word := suffix_unit(cell, channel)) is not None]
     return all(
-        _unit_fault(SourceColumn(channel, cell, 0, word, program_unit(channel)), "") is not None
+        _unit_error(SourceColumn(channel, cell, 0, word, program_unit(channel)), "") is not None
         for cell, word in words
     )
 
@@ -222,42 +220,42 @@ def column_place(file: str, column: SourceColumn) -> str:
     return f"{file}, column {column.header!r}"
 
 
-def _with_unit_under(
-    column: SourceColumn, under: Sequence[str], file: str, *, stated: bool, lenient: bool
+def _with_unit_of_row(
+    column: SourceColumn, unit_row: Sequence[str], file: str, *, in_header: bool, lenient: bool
 ) -> SourceColumn:
-    """Return the column with the unit in the row ``under`` the header, if there is one.
+    """Return the column with the unit in the row ``unit_row`` the header, if there is one.
 
-    ``stated`` : whether the header states a unit too. RecordError is raised unless both agree.
+    ``in_header`` : whether the header states a unit too. If the two differ, RecordError is raised.
     """
-    unit_under = under[column.index] if under else ""
-    if lenient and unit_under and _unit_fault(replace(column, unit=unit_under), file) is not None:
-        unit_under = ""
-    if not unit_under:
+    row_unit = unit_row[column.index] if unit_row else ""
+    if lenient and row_unit and _unit_error(replace(column, unit=row_unit), file) is not None:
+        row_unit = ""
+    if not row_unit:
         return column
-    if not stated:
-        return replace(column, unit=unit_under)
-    if not _same_unit(column.unit, unit_under, column.inside):
-        what = f"the header says {column.unit}, the row of units under it {unit_under}"
+    if not in_header:
+        return replace(column, unit=row_unit)
+    if not _same_unit(column.unit, row_unit, column.target_unit):
+        what = f"the header says {column.unit}, the row of units under it {row_unit}"
         raise RecordError(what, where=column_place(file, column), remedy="correct one of them")
     return column
 
 
-def _same_unit(unit: str, other_unit: str, inside: str) -> bool:
-    """Return whether two units are equal by name, or by their factor to the unit ``inside``."""
+def _same_unit(unit: str, other_unit: str, target_unit: str) -> bool:
+    """Return whether two units are equal by name, or by their factor to ``target_unit``."""
     if unit == other_unit:
         return True
-    if not inside:
+    if not target_unit:
         return False
     try:
-        return to_si(1.0, unit, inside, "") == to_si(1.0, other_unit, inside, "")
+        return to_si(1.0, unit, target_unit, "") == to_si(1.0, other_unit, target_unit, "")
     except RecordError:
         return False
 
 
-def _convertible(column: SourceColumn, file: str) -> SourceColumn:
-    fault = _unit_fault(column, file)
-    if fault is not None:
-        raise fault
+def _with_checked_unit(column: SourceColumn, file: str) -> SourceColumn:
+    error = _unit_error(column, file)
+    if error is not None:
+        raise error
     return column
 
 
@@ -267,13 +265,13 @@ def _column_of_map(
     header: Sequence[str],
     file: str,
     default: str,
-    inside: str,
-    under: Sequence[str],
+    target_unit: str,
+    unit_row: Sequence[str],
     *,
     lenient: bool,
 ) -> SourceColumn:
-    """Return the column that the channel map names: by its whole header cell, else by its name
-    without unit.
+    """Return the column that the channel map names, by its whole header cell or else by its name
+    without the unit.
     """
     assert isinstance(choice.column, str)  # `with_derived` has replaced numbers of columns
     matching = [index for index, cell in enumerate(header) if cell == choice.column]
@@ -295,30 +293,30 @@ def _column_of_map(
     index = matching[0]
     if choice.unit is not None:
         unit: str | None = choice.unit
-        column = SourceColumn(channel, header[index], index, unit or default, inside)
-        return _convertible(column, file)
-    unit = split_at(header, index)[1]
-    column = SourceColumn(channel, header[index], index, unit or default, inside)
-    column = _with_unit_under(column, under, file, stated=bool(unit), lenient=lenient)
-    return _convertible(column, file)
+        column = SourceColumn(channel, header[index], index, unit or default, target_unit)
+        return _with_checked_unit(column, file)
+    unit = name_and_unit(header, index)[1]
+    column = SourceColumn(channel, header[index], index, unit or default, target_unit)
+    column = _with_unit_of_row(column, unit_row, file, in_header=bool(unit), lenient=lenient)
+    return _with_checked_unit(column, file)
 
 
-def _unit_fault(column: SourceColumn, file: str) -> RecordError | None:
+def _unit_error(column: SourceColumn, file: str) -> RecordError | None:
     """Return the error if the unit of a column cannot be converted; None if it can."""
-    if not column.inside:
+    if not column.target_unit:
         return None
     try:
-        to_si(1.0, column.unit, column.inside, column_place(file, column))
-    except RecordError as fault:
-        return fault
+        to_si(1.0, column.unit, column.target_unit, column_place(file, column))
+    except RecordError as error:
+        return error
     return None
 
 
-# ---- The JSON beside a record
+# ---- Sidecar: the JSON file beside a record
 
 SCHEMA = "flightid/record/1"
 KEYS = ("schema", "name", "hold", "units", "origin")
-_AWAY = "mend it, or move it away where it does not belong to the record"
+_DAMAGED_SIDECAR_REMEDY = "correct it, or move it away if it does not belong to the record"
 SIMULATED = "simulated"  # the value of the key ``origin``
 
 
@@ -331,7 +329,7 @@ class Sidecar:
     name : name of the record; None if the file states none.
     hold : behaviour of the inputs between samples.
     units : channel -> unit of a column without a unit in its header.
-    says_hold : whether the file states the hold; if not, ``hold`` is the default.
+    states_hold : whether the file states the hold; if not, ``hold`` is the default.
     simulated : whether the data are simulated.
     file : name of the JSON file; empty if there is none.
     """
@@ -339,7 +337,7 @@ class Sidecar:
     name: str | None = None
     hold: Hold = Hold.PREVIOUS
     units: Mapping[str, str] = field(default_factory=dict)
-    says_hold: bool = False
+    states_hold: bool = False
     simulated: bool = False
     file: str = ""
 
@@ -367,26 +365,28 @@ def read_sidecar(record: Path) -> Sidecar:
         return Sidecar()
     except OSError as error:
         raise RecordError(
-            f"cannot be read ({error.strerror or error})", where=str(path), remedy=_AWAY
+            f"cannot be read ({error.strerror or error})",
+            where=str(path),
+            remedy=_DAMAGED_SIDECAR_REMEDY,
         ) from None
     try:
         content = json_value(raw)
     except DocumentError as error:
-        raise RecordError(str(error), where=str(path), remedy=_AWAY) from None
+        raise RecordError(str(error), where=str(path), remedy=_DAMAGED_SIDECAR_REMEDY) from None
     return _sidecar_of(content, path) if isinstance(content, dict) else Sidecar()
 
 
 def _sidecar_of(content: Mapping[str, Any], path: Path) -> Sidecar:
     schema = content.get("schema")
     if not isinstance(schema, str) or not schema.startswith("flightid/"):
-        ours = [key for key in ("hold", "units") if key in content]
-        if ours and not isinstance(schema, str):
-            what = f"it has the key {ours[0]} and no schema"
+        sidecar_keys = [key for key in ("hold", "units") if key in content]
+        if sidecar_keys and not isinstance(schema, str):
+            what = f"it has the key {sidecar_keys[0]} and no schema"
             remedy = f'add "schema": "{SCHEMA}", or move the file away'
             raise RecordError(what, where=f"{path}, key schema", remedy=remedy)
         return Sidecar()
     if schema != SCHEMA:
-        what, remedy = f"schema {schema!r} is not known here", f"write the record again as {SCHEMA}"
+        what, remedy = f"schema {schema!r} is not known", f"write the record again as {SCHEMA}"
         raise RecordError(what, where=f"{path}, key schema", remedy=remedy)
     for key in content:
         if key not in KEYS:
@@ -438,10 +438,10 @@ class RecordFile:
     Attributes
     ----------
     path : path of the file; only a name for a record in memory.
-    table : cells of the file; only the headers ``topic.field`` for a log of several topics.
+    table : cells of the file; for a log of several topics only headers ``topic.field``, no rows.
     sidecar : content of the JSON file beside the record.
-    identity : name in outputs, with folders if two files have the same name, and hash of the
-        content.
+    identity : name for outputs and hash of the content. Files of equal names differ in the folders
+        before their names.
     choices : channel map.
     in_memory : whether the record is not a file.
     topics : tables of a log of several topics, each with its own clock; empty for other files.
@@ -482,7 +482,7 @@ def read_record_file(path: str | Path) -> RecordFile:
             source.path, topics[0].table, sidecar, source.identity, notes=topics[0].notes
         )
     notes = tuple(f"{topic.name}: {note}" for topic in topics for note in topic.notes)
-    # A table without rows, whose header messages show.
+    # This table has no rows; messages list its header.
     header = tuple(f"{topic.name}.{cell}" for topic in topics for cell in topic.table.header)
     empty = tuple(np.zeros(0) for _ in header)
     table = CellTable(str(source.path), header, empty, np.zeros(0, dtype=int))
@@ -501,9 +501,9 @@ def with_names(file: RecordFile, names: Sequence[str]) -> RecordFile:
         return file
     if file.topics:
         raise RecordError(
-            "a log of several topics has names of its own",
+            "a log of several topics already names its columns",
             where="--columns",
-            remedy="leave it out, and use a channel map",
+            remedy="omit the option, and use a channel map",
         )
     if len(names) != len(file.table.header):
         what = f"{len(names)} names for {len(file.table.header)} columns of {file.path.name}"
@@ -533,7 +533,7 @@ def read_with_validation(
 
 
 def with_distinct_names(files: Sequence[RecordFile]) -> tuple[RecordFile, ...]:
-    """Return the files with distinct names. Equal names of files are preceded by their folders:
+    """Return the files with distinct names. Folders are added before equal names, as in
     ``flight1/record.csv`` and ``flight2/record.csv``.
     """
     by_name: dict[str, list[Path]] = {}
@@ -552,12 +552,12 @@ def with_distinct_names(files: Sequence[RecordFile]) -> tuple[RecordFile, ...]:
 
 
 def _distinguishing_depth(paths: Sequence[Path]) -> int:
-    """Return the number of last parts that distinguish the paths; the name of the file is one."""
-    most = max(len(path.parts) for path in paths)
-    for depth in range(1, most):
+    """Return how many parts at the end of the paths distinguish them, with the file name as one."""
+    longest = max(len(path.parts) for path in paths)
+    for depth in range(1, longest):
         if len({path.parts[-depth:] for path in paths}) == len(paths):
             return depth
-    return most
+    return longest
 
 
 def identities(files: Iterable[RecordFile]) -> tuple[InputFile, ...]:
@@ -577,7 +577,7 @@ def path_of(record: Path | RecordFile) -> Path | None:
     return record
 
 
-def refuse_twice(
+def refuse_duplicates(
     records: Sequence[Path | RecordFile], remedy: str = "name each record once"
 ) -> None:
     """Raise RecordError if two paths lead to the same file, or a record in memory appears twice."""

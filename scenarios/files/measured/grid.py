@@ -25,7 +25,7 @@ from scenarios.files.measured.clock import (
     times_of_dates,
     times_of_texts,
 )
-from scenarios.files.measured.columns import RecordFile, program_unit, split_at, suffix_unit
+from scenarios.files.measured.columns import RecordFile, name_and_unit, program_unit, suffix_unit
 from scenarios.files.measured.expressions import Expression, evaluate
 from scenarios.files.units import QUANTITIES, to_si
 from sim.errors import RecordError
@@ -146,7 +146,7 @@ def stated_unit(table: CellTable, index: int) -> str | None:
     """Return the unit that a header, the row under it or the name of a clock states; None without
     one.
     """
-    name, unit = split_at(table.header, index)
+    name, unit = name_and_unit(table.header, index)
     stated = unit or (table.units[index] if table.units else "")
     if stated:
         if table.stated_apart and is_clock(name) and not measures(stated, "s"):

@@ -15,7 +15,7 @@ from sim.declaration.effect import (
 )
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
-from sim.declaration.user_equations import OwnEquations
+from sim.declaration.user_equations import UserEquations
 from sim.effects.instances import ANOTHER_FALL, WithoutStates, has_its_constants_and_ports, labelled
 from sim.effects.loads import SLOW_WIDTH, USUAL_SUB_STEP, edge_width, risen
 from sim.maths import log
@@ -116,7 +116,7 @@ class ParameterJump:
         return tuple(Probe({**self.absent, "time": time}, self.group) for time in context.onsets())
 
 
-def jumps_of(equations: OwnEquations) -> tuple[ParameterJump, ...]:
+def jumps_of(equations: UserEquations) -> tuple[ParameterJump, ...]:
     """Return a jump of the parameters that act through each port.
 
     If the ports are coefficients, the derivatives of each coefficient are a group, because each
@@ -138,9 +138,9 @@ def jumps_of(equations: OwnEquations) -> tuple[ParameterJump, ...]:
     )
 
 
-def _derivatives(equations: OwnEquations) -> list[tuple[str, str]]:
+def _derivatives(equations: UserEquations) -> list[tuple[str, str]]:
     """Return the coefficient and the parameter of each term that contains a signal."""
-    signals = [name.removeprefix(AS_TERM) for name in equations.formed_names]
+    signals = [name.removeprefix(AS_TERM) for name in equations.flow_names]
     terms = [(axis, parse_term(text, signals)) for axis, text in equations.terms]
     named = [(axis, f"{axis}_{term.label}") for axis, term in terms if term.signals]
     known = equations.factors
@@ -318,7 +318,7 @@ DERIVATIVE_VARIANTS: tuple[Traceable, ...] = (
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """Return a jump of each group of parameters of a user model, unless ``VARIANTS`` have one."""
     covered = any(has_its_constants_and_ports(each, equations) for each in DERIVATIVE_VARIANTS)
-    return jumps_of(equations) if isinstance(equations, OwnEquations) and not covered else ()
+    return jumps_of(equations) if isinstance(equations, UserEquations) and not covered else ()
 
 
 @dataclass(frozen=True)

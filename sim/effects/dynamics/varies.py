@@ -31,7 +31,7 @@ from sim.declaration.effect import (
 )
 from sim.declaration.model import Equations, Multiplying
 from sim.declaration.proposal import SearchContext, Traceable, Traits
-from sim.declaration.user_equations import OwnEquations
+from sim.declaration.user_equations import UserEquations
 from sim.effects.dynamics.atmosphere import DensityScaleHeight, DragMach
 from sim.effects.dynamics.control_nonlinearity import CURVE_VARIANTS as CURVED_CONTROLS
 from sim.effects.dynamics.control_nonlinearity import ControlNonlinearity
@@ -244,7 +244,7 @@ def curve_made_for(equations: Equations) -> tuple[Varies, ...]:
     """Return an instance for each parameter that multiplies a signal, over each state, control and
     recorded airspeed, unless a named effect has this curve.
     """
-    if isinstance(equations, OwnEquations) and equations.terms:
+    if isinstance(equations, UserEquations) and equations.terms:
         return ()  # the effects `missing-term` cover these equations
     named = other_names(equations)
     made = {effect.name: effect for effect in _all_instances(equations) if effect.name not in named}
@@ -281,7 +281,7 @@ def _parameters_and_signals(curve: Traceable) -> tuple[tuple[str, str], ...]:
 def _all_instances(equations: Equations) -> Iterator[Varies]:
     """Yield an instance for each parameter that multiplies a signal, over each signal."""
     factors = equations.factors if isinstance(equations, Multiplying) else {}
-    own, ports = isinstance(equations, OwnEquations), {port.name for port in equations.ports}
+    own, ports = isinstance(equations, UserEquations), {port.name for port in equations.ports}
     recorded = [
         (signal.name, AIRSPEED, False)
         for signal in equations.inputs
@@ -420,11 +420,11 @@ def term_made_for(equations: Equations) -> tuple[Traceable, ...]:
     A control surface belongs to the longitudinal or the lateral motion, according to the
     coefficients that have it in the vehicle file.
     """
-    if not isinstance(equations, OwnEquations) or not equations.terms:
+    if not isinstance(equations, UserEquations) or not equations.terms:
         return ()
     present: dict[str, set[Term]] = {}
     signals = tuple(
-        name.removeprefix(AS_TERM) for name in equations.formed_names if name.startswith(AS_TERM)
+        name.removeprefix(AS_TERM) for name in equations.flow_names if name.startswith(AS_TERM)
     )
     surfaces = tuple(name for name in signals if name not in FLOW)
     for axis, text in equations.terms:

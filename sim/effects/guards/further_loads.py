@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
-from sim.declaration.user_equations import OwnEquations
+from sim.declaration.user_equations import UserEquations
 from sim.effects.instances import (
     ProbedAtAbsence,
     WithoutStates,
@@ -157,7 +157,7 @@ def lagged_made_for(equations: Equations) -> tuple[Traceable, ...]:
     """Return lagged loads for each state of a user model, on the ports where an estimated parameter
     multiplies the state.
     """
-    if not isinstance(equations, OwnEquations):
+    if not isinstance(equations, UserEquations):
         return ()
     labels = [label for _, label in further_inputs(equations)]
     aliases = tuple(name for label in labels for name in all_labelled(LOOKS_LATE, label))
@@ -290,7 +290,7 @@ def periodic_made_for(equations: Equations) -> tuple[Traceable, ...]:
 
     Up to ``MOST_COUPLED_PORTS`` ports have one term together; more ports have a term each.
     """
-    if not isinstance(equations, OwnEquations):
+    if not isinstance(equations, UserEquations):
         return ()
     moved = {port for port, _, _ in equations.products}
     ports = [port for port in ports_without(PERIODIC_LOADS, equations) if port.name in moved]
@@ -428,7 +428,7 @@ def products_made_for(equations: Equations) -> tuple[Traceable, ...]:
     If a parameter does, the product is the same as this parameter growing with the other signal,
     which the effect ``varies`` covers.
     """
-    if not isinstance(equations, OwnEquations) or equations.terms:
+    if not isinstance(equations, UserEquations) or equations.terms:
         return ()
     ports = ports_without(PRODUCT_LOADS, equations)
     signals, candidates = (*equations.states, *controls(equations)), list[Traceable]()

@@ -75,7 +75,9 @@ CASES = [
 
 @pytest.mark.parametrize(("number", "sliders", "expected"), CASES)
 def test_numbers_of_a_key(number: int, sliders: dict[str, Any], expected: dict[str, str]) -> None:
-    found = importlib.import_module(f"flightid.labs.workings.{WORKINGS[number]}").numbers(**sliders)
+    found = importlib.import_module(f"flightid.labs.workings.{WORKINGS[number]}").key_numbers(
+        **sliders
+    )
     for name, text in expected.items():
         assert found[name] == pytest.approx(float(text), abs=1.001 * half_a_digit(text)), name
 
@@ -101,10 +103,10 @@ def test_answers_that_are_computed_are_those_of_the_keys() -> None:
     assert short_period.longest_unit(10.0) == 0.3
     assert short_period.tuned_doublet(1.967) == pytest.approx(1.18, abs=0.01)
     assert (
-        flexibility.nearer(),
-        flexibility.worst(),
-        flexibility.first_seen(),
-        flexibility.enough_noise(),
+        flexibility.nearer_reference(),
+        flexibility.worst_derivative(),
+        flexibility.first_rejected_factor(),
+        flexibility.least_sufficient_density(),
     ) == ("condensed", "Cm_q", 1.5, 0.15)
     assert (augmented.level_of_delay(), augmented.most_constant()) == (
         "Level 2",
@@ -113,7 +115,7 @@ def test_answers_that_are_computed_are_those_of_the_keys() -> None:
 
 
 def test_output_error_on_the_falls_of_lab_1_is_what_its_page_says() -> None:
-    from flightid.labs.workings import repeated
+    from flightid.labs.workings import scenario_campaign
 
     (line,) = (
         line.strip()
@@ -122,7 +124,7 @@ def test_output_error_on_the_falls_of_lab_1_is_what_its_page_says() -> None:
     )
     words = shlex.split(line)
     assert words[:5] == ["flightid", "campaign", "ballistic", "--runs", "200"]
-    found = repeated("ballistic", tuple(words[6::2]), 200, 1)
+    found = scenario_campaign("ballistic", tuple(words[6::2]), 200, 1)
     (spread,) = found.spreads
     assert abs(spread.bias) < spread.scatter / len(found.seeds) ** 0.5
     assert spread.reported == pytest.approx(1.5, abs=0.05)
@@ -158,7 +160,7 @@ def test_the_command_line_of_lab_9_gives_its_numbers(
         main([*shlex.split(lab.command(3, 2).replace("\\\n", " "))[1:], "--json"])
     assert ended.value.code == 0
     printed = json.loads(capsys.readouterr().out)
-    numbers = lab.numbers()
+    numbers = lab.key_numbers()
     assert printed["coefficients"]["Cm"]["r2_left_out"] == pytest.approx(numbers["R2 left out"])
     assert printed["r2_not_fitted"]["not_fitted.csv"]["Cm"] == pytest.approx(
         numbers["R2 not fitted"]

@@ -39,7 +39,7 @@ def test_a_lab_has_what_a_lab_must_have(number: int) -> None:
         "## Theory",
         "$$",
         "Questions",
-        "page.plotted(",
+        "page.interactive_figure(",
         'if __name__ == "__main__":\n    app.run()',
     ):
         assert part in text, part

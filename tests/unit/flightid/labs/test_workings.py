@@ -50,10 +50,10 @@ def test_the_spectrum_of_the_tuned_doublet_peaks_at_the_frequency(frequency: flo
     assert abs(size[2] - size[0]) < 0.1 * (2.0 * size[1] - size[0] - size[2])
 
 
-def test_the_marks_are_the_frequencies_of_the_vehicle() -> None:
+def test_the_mode_frequencies_are_those_of_the_vehicle() -> None:
     values = read_parameter_set("bomber_ac1").values
     expected = [2.0 * values[f"omega{i}"] for i in range(1, 5)]
-    assert flexibility.marks(2.0) == pytest.approx(expected, abs=0.011)
+    assert flexibility.mode_frequencies(2.0) == pytest.approx(expected, abs=0.011)
 
 
 def test_a_disturbance_doubles_in_the_time_to_double() -> None:

@@ -1,5 +1,5 @@
 """Sets of faults: what each has to bring, what is within chance of it, pairs, arms against delays,
-and what times count from.
+and the channel to which delays refer.
 """
 
 from __future__ import annotations
@@ -202,7 +202,7 @@ def test_three_late_channels_are_two_against_the_one_that_is_least_late() -> Non
         "sensor-delay:q"
     ].value == pytest.approx(0.04, abs=0.012)
     assert any(
-        note.startswith("times count from nz, the channel that is least late")
+        note.startswith("delays are relative to nz, the channel with the smallest delay")
         for note in found.notes
     )
 

@@ -89,13 +89,19 @@ def test_a_fault_of_size_zero_changes_nothing_and_the_slope_is_that_of_small_siz
 ) -> None:
     s = signals_of(record(ALL), ALL, SPEED, 9.80665)
     unknowns, fault = unknowns_of(s), SensorFault(channel, kind)
-    own = start_of(s, unknowns)
-    plain = evaluate(s, unknowns, (), own[None], np.zeros((1, 0)))
-    assert np.array_equal(evaluate(s, unknowns, (fault,), own[None], np.zeros((1, 1))), plain)
+    unknown_values = start_of(s, unknowns)
+    plain = evaluate(s, unknowns, (), unknown_values[None], np.zeros((1, 0)))
+    assert np.array_equal(
+        evaluate(s, unknowns, (fault,), unknown_values[None], np.zeros((1, 1))), plain
+    )
     small = 0.1 * size * fault.plausible
-    _, slope = linearised(s, unknowns, (fault,), own, np.array([small]))
+    _, slope = linearised(s, unknowns, (fault,), unknown_values, np.array([small]))
     step = evaluate(
-        s, unknowns, (fault,), np.array([own, own]), np.array([[small + 0.003], [small - 0.003]])
+        s,
+        unknowns,
+        (fault,),
+        np.array([unknown_values, unknown_values]),
+        np.array([[small + 0.003], [small - 0.003]]),
     )
     assert slope[:, :, -1] == pytest.approx(
         (step[:, 0] - step[:, 1]) / 0.006,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from ident.flying_qualities.levels import form_levels, form_qualities
+from ident.flying_qualities.fitted_forms import form_levels, form_qualities
 from ident.frequency_response.transfer_function import (
     FORMS,
     FittedResponse,

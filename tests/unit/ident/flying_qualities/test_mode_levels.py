@@ -330,7 +330,7 @@ def test_class_and_category() -> None:
     assert flight_phase_of(None, None) == FlightPhase()
     with pytest.raises(DeclarationError, match="there is no class 'V'; use I, II, III or IV"):
         flight_phase_of("V", None)
-    with pytest.raises(DeclarationError, match="there is no category 'D'; use A rapid"):
+    with pytest.raises(DeclarationError, match=r"there is no category 'D'; use A \(rapid"):
         flight_phase_of(None, "D")
 
 

@@ -8,15 +8,12 @@ import pytest
 
 from ident.flying_qualities.attitude_criteria import (
     AttitudeCurve,
-    NealSmith,
-    PilotDemand,
-    neal_smith,
     pitch_bandwidth_level,
     pitch_overshoot,
-    resonance_level,
     shared_covariance,
     step_response,
 )
+from ident.flying_qualities.pilot_in_loop import NealSmith, PilotDemand, neal_smith, resonance_level
 from ident.frequency_response.transfer_function import FORMS, FittedResponse, form_of
 
 OMEGA = np.geomspace(0.3, 25.0, 90)

@@ -298,7 +298,7 @@ def test_a_file_and_a_table_with_its_content_are_one_record(
     assert all(
         np.array_equal(one[name], two[name], equal_nan=True) for name in ("time", *one.names)
     )
-    assert one.file.sidecar.says_hold is two.file.sidecar.says_hold is (hold is not None)
+    assert one.file.sidecar.states_hold is two.file.sidecar.states_hold is (hold is not None)
 
 
 def test_a_window_is_a_record_of_its_own() -> None:

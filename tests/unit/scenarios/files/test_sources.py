@@ -15,7 +15,7 @@ from scenarios.cli.options import MODEL_NAMES
 from scenarios.files.measured.columns import (
     read_record_file,
     read_with_validation,
-    refuse_twice,
+    refuse_duplicates,
 )
 from scenarios.files.records import read_record
 from scenarios.files.schemas import SCHEMAS
@@ -124,7 +124,7 @@ def test_what_cannot_be_opened_is_told_in_one_line(
 
 def test_the_same_record_by_another_path_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="named twice; name each record once"):
-        refuse_twice([tmp_path / "a.csv", tmp_path / "b" / ".." / "a.csv"])
+        refuse_duplicates([tmp_path / "a.csv", tmp_path / "b" / ".." / "a.csv"])
 
 
 def test_every_model_of_a_vehicle_file_has_a_schema_and_is_named_in_the_help() -> None:

@@ -79,7 +79,7 @@ def spy(monkeypatch: pytest.MonkeyPatch) -> Spy:
 
 
 def record_files(
-    folder: Path, count: int, *, says_hold: tuple[int, ...] = ()
+    folder: Path, count: int, *, states_hold: tuple[int, ...] = ()
 ) -> tuple[RecordFile, ...]:
     """Short records, of which some say how their inputs are held."""
     time = 0.1 * np.arange(20)
@@ -96,7 +96,9 @@ def record_files(
             f"flight {number}",
         )
         file = read_record_file(write_record(folder, record, f"flight{number}")[0])
-        opened.append(replace(file, sidecar=replace(file.sidecar, says_hold=number in says_hold)))
+        opened.append(
+            replace(file, sidecar=replace(file.sidecar, states_hold=number in states_hold))
+        )
     return tuple(opened)
 
 
@@ -136,7 +138,7 @@ def test_a_reading_that_is_asked_for_is_the_only_one(spy: Spy, tmp_path: Path, h
 def test_one_file_that_says_how_its_inputs_are_held_is_enough(
     spy: Spy, tmp_path: Path, says: tuple[int, ...]
 ) -> None:
-    identify_files(request(tmp_path, 2, says_hold=says), "output-error")
+    identify_files(request(tmp_path, 2, states_hold=says), "output-error")
     assert spy.holds == [None]
 
 

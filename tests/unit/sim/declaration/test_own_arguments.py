@@ -12,7 +12,7 @@ from ident.bilinear_table import system_tables
 from sim.declaration import own_model
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
-from sim.declaration.user_equations import WatchedTime
+from sim.declaration.user_arguments import WatchedTime
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.errors import ModelError
 from sim.maths import where

@@ -8,7 +8,7 @@ import pytest
 
 from sim.declaration import own_model
 from sim.declaration.model import Model
-from sim.declaration.user_equations import OwnEquations
+from sim.declaration.user_equations import UserEquations
 
 
 def spring(**ports: Any) -> Model:
@@ -31,7 +31,7 @@ def spring(**ports: Any) -> Model:
 
 
 def products(model: Model) -> set[tuple[str, str]]:
-    assert isinstance(model.equations, OwnEquations)
+    assert isinstance(model.equations, UserEquations)
     return {(port, signal) for port, signal, _ in model.equations.products}
 
 
@@ -62,7 +62,7 @@ def test_the_size_of_a_unit_does_not_matter(gain: float) -> None:
 
 def test_each_product_has_its_parameter() -> None:
     equations = spring().equations
-    assert isinstance(equations, OwnEquations)
+    assert isinstance(equations, UserEquations)
     assert {*equations.products} == {("v_rate", "x", "k"), ("v_rate", "v", "c")}
 
 

@@ -69,7 +69,7 @@ def test_three_faults_of_different_axes_are_named_and_sized_together() -> None:
         size, std = value(found, name)
         assert abs(size - true) < 3.0 * std and std < 0.1 * true
     assert any(
-        note.startswith("times count from") and "beta" not in note.split(", which")[0]
+        note.startswith("delays are relative to") and "beta" not in note.split(", which")[0]
         for note in found.notes
     )
 

@@ -86,9 +86,13 @@ def test_a_climbing_turn_without_yaw_rate_keeps_its_bank() -> None:
         ),
     )
     s = prepared_signals(record, usable_channels(record), SPEED, 9.80665, 0.0)[0]
-    own = np.array([bank if item.key == ("start", "phi") else 0.0 for item in unknowns_of(s)])
+    unknown_values = np.array(
+        [bank if item.key == ("start", "phi") else 0.0 for item in unknowns_of(s)]
+    )
     assert (
-        np.abs(evaluate(s, unknowns_of(s), (), own[None], np.zeros((1, 0)))[0, 0] - bank).max()
+        np.abs(
+            evaluate(s, unknowns_of(s), (), unknown_values[None], np.zeros((1, 0)))[0, 0] - bank
+        ).max()
         < 1e-9
     )
 
@@ -119,17 +123,20 @@ def test_every_kind_of_fault_is_there_and_named_once() -> None:
 
 def test_slopes_are_those_of_one_row_at_a_time() -> None:
     s = signals(WHOLE, Faults(), rate=25.0)
-    unknowns, own = unknowns_of(s), true_unknowns(s)
-    y, slopes = linearised(s, unknowns, ALL_FAULTS, own, np.zeros(len(ALL_FAULTS)))
-    n = len(own)
+    unknowns, unknown_values = unknowns_of(s), true_unknowns(s)
+    y, slopes = linearised(s, unknowns, ALL_FAULTS, unknown_values, np.zeros(len(ALL_FAULTS)))
+    n = len(unknown_values)
     for j in (0, 1, 30, len(ALL_FAULTS) - 1):
         ends = np.zeros((2, len(ALL_FAULTS)))
         ends[:, j] = [1e-4, -1e-4]
-        two = evaluate(s, unknowns, ALL_FAULTS, np.stack([own, own]), ends)
+        two = evaluate(s, unknowns, ALL_FAULTS, np.stack([unknown_values, unknown_values]), ends)
         scale = float(np.abs(slopes[:, :, n + j]).max())
         assert np.abs((two[:, 0] - two[:, 1]) / 2e-4 - slopes[:, :, n + j]).max() < 0.05 * scale
     assert np.array_equal(
-        y, evaluate(s, unknowns, ALL_FAULTS, own[None], np.zeros((1, len(ALL_FAULTS))))[:, 0]
+        y,
+        evaluate(s, unknowns, ALL_FAULTS, unknown_values[None], np.zeros((1, len(ALL_FAULTS))))[
+            :, 0
+        ],
     )
 
 
