@@ -251,24 +251,25 @@ def side_by_side(study: StudyResult, methods: Sequence[MethodResult]) -> list[Bl
                 ),
             )
         )
+    return [*blocks, *_derived_side_by_side(methods, list(by_method))]
+
+
+def _derived_side_by_side(methods: Sequence[MethodResult], labels: Sequence[str]) -> list[Block]:
+    """Return the table of derived quantities with a column for each method; none where the methods
+    have different ones.
+    """
     derived = [
         derived_table("Derived quantities of all methods", method.derived) for method in methods
     ]
-    if derived[0].rows and all(
-        [row[0] for row in each.rows] == [row[0] for row in derived[0].rows] for each in derived
-    ):
-        blocks.append(
-            Table(
-                derived[0].caption,
-                (derived[0].columns[0], *(Column(label, BY_ROW) for label in by_method)),
-                tuple(
-                    (rows[0][0], *(row[1] for row in rows))
-                    for rows in zip(*(each.rows for each in derived), strict=True)
-                ),
-                derived[0].units,
-            )
-        )
-    return blocks
+    names = [[row[0] for row in each.rows] for each in derived]
+    if not names[0] or any(each != names[0] for each in names):
+        return []
+    columns = (derived[0].columns[0], *(Column(label, BY_ROW) for label in labels))
+    rows = tuple(
+        (of_all[0][0], *(row[1] for row in of_all))
+        for of_all in zip(*(each.rows for each in derived), strict=True)
+    )
+    return [Table(derived[0].caption, columns, rows, derived[0].units)]
 
 
 def _folded(study: StudyResult, method: MethodResult) -> Fold:
