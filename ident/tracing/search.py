@@ -276,9 +276,9 @@ class Search:
                 self._scan_at_single_effects()
             for name in members if len(members) > 1 else ():
                 smaller = self.fit_without(top, name)
-                new = smaller is not None and smaller.names not in self.expanded
-                if smaller is not None and new and not self.budget_spent:
-                    self.expand(smaller, fitted_singles=2)
+                if smaller is None or smaller.names in self.expanded or self.budget_spent:
+                    continue
+                self.expand(smaller, fitted_singles=2)
             if self.best() is top or self.budget_spent:
                 break
             if self.best().names not in self.expanded:
